@@ -1,0 +1,149 @@
+"""An untrusted zip archive, read member by member and never unpacked."""
+
+from __future__ import annotations
+
+import re
+import stat
+import zipfile
+import zlib
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from types import TracebackType
+
+from evaluator.errors import Code, Problem, Refused
+
+JUNK = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})
+_BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
+_UNSAFE = re.compile(rf"[\x00-\x1f\x7f-\x9f{_BIDI}]|^[/\\]|^[A-Za-z]:|(^|[/\\])\.\.([/\\]|$)")
+_ENCRYPTED = 0x1
+_LOCAL_HEADER = 30
+
+
+@dataclass(frozen=True)
+class Member:
+    """A file inside the archive; `size` is what its directory entry claims."""
+
+    name: str
+    size: int
+    position: int
+
+    @property
+    def path(self) -> PurePosixPath:
+        """The name as a path, with Windows separators made ordinary."""
+        return PurePosixPath(self.name.replace("\\", "/"))
+
+    @property
+    def is_junk(self) -> bool:
+        """Whether an operating system put it there, so that nobody wants to hear of it."""
+        return self.path.name in JUNK or "__MACOSX" in self.path.parts
+
+
+class Archive:
+    """A zip that has passed the checks of its layout; use it as a context manager, from one thread.
+
+    Raises:
+        Refused: on opening, when the archive as a whole breaks a rule.
+    """
+
+    def __init__(self, path: Path, *, max_members: int) -> None:
+        """Read and check the central directory; no member is read yet."""
+        self._file = _open(path)
+        try:
+            infos = self._file.infolist()
+            if len(infos) > max_members:
+                raise Refused(Problem(Code.TOO_MANY_MEMBERS, None, f"at most {max_members}", str(len(infos))))
+            _check_layout(infos)
+            for info in infos:
+                _check_entry(info)
+        except Refused:
+            self._file.close()
+            raise
+        self._infos = infos
+        self.members = tuple(
+            Member(info.filename, info.file_size, position) for position, info in enumerate(infos) if not info.is_dir()
+        )
+
+    def read(self, member: Member, limit: int) -> bytes:
+        """The whole content of a member, its checksum verified.
+
+        Args:
+            member: one of `members`.
+            limit: how many bytes it may have at the most, whatever it claims.
+
+        Raises:
+            Refused: it is damaged or larger than the limit.
+        """
+        if member.size > limit:
+            raise _unreadable(member, f"at most {limit} bytes", f"{member.size} bytes")
+        try:
+            with self._file.open(self._infos[member.position]) as stream:
+                data = stream.read(limit + 1)
+                stream.read(1)  # reaching the end is what verifies the checksum
+        except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError) as error:
+            raise _unreadable(member, "an intact member", str(error) or type(error).__name__) from error
+        if len(data) != member.size:
+            raise _unreadable(member, f"{member.size} bytes, as its entry says", f"{len(data)} bytes or more")
+        return data
+
+    def start(self, member: Member, size: int) -> bytes:
+        """The first bytes of a member, fewer where it is shorter or damaged; nothing is verified."""
+        try:
+            with self._file.open(self._infos[member.position]) as stream:
+                return stream.read(size)
+        except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError):
+            return b""
+
+    def __enter__(self) -> Archive:
+        """Itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the file."""
+        self._file.close()
+
+
+def _open(path: Path) -> zipfile.ZipFile:
+    try:
+        return zipfile.ZipFile(path)
+    except zipfile.BadZipFile as error:
+        with path.open("rb") as file:
+            start = file.read(4)
+        code = Code.DAMAGED_ARCHIVE if start.startswith(b"PK") else Code.NOT_A_ZIP
+        raise Refused(Problem(code, None, "a zip archive", str(error))) from error
+    except (ValueError, UnicodeDecodeError, NotImplementedError, OverflowError, EOFError) as error:
+        raise Refused(Problem(Code.DAMAGED_ARCHIVE, None, "a zip archive", str(error))) from error
+
+
+def _check_layout(infos: list[zipfile.ZipInfo]) -> None:
+    """No two members may share bytes: a zip bomb is made of overlaps."""
+    end = 0
+    for info in sorted(infos, key=lambda one: one.header_offset):
+        if info.header_offset < end:
+            raise Refused(Problem(Code.OVERLAPPING_MEMBERS, shown(info.filename)))
+        end = info.header_offset + _LOCAL_HEADER + info.compress_size
+
+
+def _check_entry(info: zipfile.ZipInfo) -> None:
+    name = info.orig_filename
+    if not name or _UNSAFE.search(name):
+        raise Refused(Problem(Code.UNSAFE_NAME, shown(name), "a plain relative name", ascii(name)))
+    kind = stat.S_IFMT(info.external_attr >> 16)
+    if kind not in (0, stat.S_IFREG, stat.S_IFDIR):
+        found = "a link" if kind == stat.S_IFLNK else "a device or pipe"
+        raise Refused(Problem(Code.SPECIAL_FILE, shown(name), "a regular file", found))
+    if info.flag_bits & _ENCRYPTED:
+        raise Refused(Problem(Code.ENCRYPTED_MEMBER, shown(name)))
+    if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        found = f"method {info.compress_type}"
+        raise Refused(Problem(Code.UNSUPPORTED_COMPRESSION, shown(name), "deflate or none", found))
+
+
+def shown(name: str) -> str:
+    """A member's name made fit for a page or a terminal: nothing in it can steer either."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name[:200])
+
+
+def _unreadable(member: Member, expected: str, found: str) -> Refused:
+    return Refused(Problem(Code.UNREADABLE, shown(member.name), expected, found))

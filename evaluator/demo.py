@@ -1,0 +1,347 @@
+"""A small synthetic data set in the WildScenes layout."""
+
+from __future__ import annotations
+
+import csv
+import json
+import zipfile
+import zlib
+from dataclasses import dataclass
+from datetime import datetime, timedelta, timezone
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from evaluator.benchmark import UNLABELLED, Benchmark, Modality, load
+from evaluator.errors import BenchmarkError
+from evaluator.pack import add_member, encode_labels
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+COMMON = ("bush", "dirt", "grass", "sky", "tree-foliage", "tree-trunk")
+"""Classes of every frame."""
+
+RARE = ("fence", "gravel", "log", "mud", "other-object", "other-terrain", "rock", "structure", "water")
+"""Classes that the frames of a sequence share out."""
+
+UNSEEN_IN_CLOUDS = ("sky", "water")
+
+NOTE = "Made by a program from random numbers. The scores of this data set say nothing about WildScenes."
+
+_SPLITS = ("train", "val", "test")
+_VAL_SEQUENCE = "K-01"
+_FRAME_SECONDS = 2
+_REGIONS = {1: 64, 2: 12}
+
+
+def write_demo(  # noqa: PLR0913 - all but the folder have defaults and go by name
+    folder: Path,
+    *,
+    frames: int = 6,
+    size: tuple[int, int] = (252, 189),
+    points: int = 4000,
+    seed: int = 0,
+    benchmark: Benchmark | None = None,
+) -> None:
+    """Write label maps, clouds' labels and split files of invented forests; no images and no coordinates.
+
+    Each class is in the test frames of each sequence taken together, and so in the train and in the val frames (clouds
+    have neither sky nor water). A frame has the same name and scene in both modalities. The same arguments give the
+    same bytes.
+
+    Args:
+        folder: made if need be; files in it are replaced.
+        frames: test frames per sequence, as many train frames, and half as many val frames (K-01 only).
+        size: width and height of a label map in pixels, at least 32 x 24.
+        points: points of the largest clouds, at least 200; a cloud has up to a tenth fewer.
+        seed: another seed gives other scenes and times.
+        benchmark: one with the classes of WildScenes and a month for each sequence; WildScenes when omitted.
+
+    Raises:
+        ValueError: an argument is below its minimum.
+        BenchmarkError: the benchmark lacks a class that the demo draws.
+    """
+    benchmark = benchmark or load()
+    if frames < 1 or size[0] < 32 or size[1] < 24 or points < 200:
+        raise ValueError("a demo needs at least 1 frame, 32 x 24 pixels and 200 points")
+    if missing := sorted({*COMMON, *RARE} - set(benchmark.names)):
+        raise BenchmarkError(f"the demo draws classes that {benchmark.id} does not have: {', '.join(missing)}")
+    rows: dict[tuple[str, str], list[dict[str, str]]] = {
+        (split, modality): [] for split in _SPLITS for modality in benchmark.modalities
+    }
+    for order, sequence in enumerate(benchmark.sequences):
+        moment = _start(sequence.date, order, seed)
+        for turn, split in enumerate(_SPLITS):
+            count = frames if split != "val" else max(1, frames // 2) * (sequence.name == _VAL_SEQUENCE)
+            for number in range(count):
+                rng = np.random.default_rng([seed, order, turn, number])
+                moment += timedelta(seconds=_FRAME_SECONDS)
+                frame = f"{int(moment.timestamp())}-{rng.integers(10**9):09}"
+                rare = {name for i, name in enumerate(RARE) if i % count == number}
+                scene = _scene(rng, size, benchmark.names, rare)
+                for key, modality in benchmark.modalities.items():
+                    labels = scene if modality.kind == "image" else _cloud(rng, scene, benchmark.names, rare, points)
+                    row = _row(key, modality, sequence.name, frame)
+                    _write_labels(folder / row["label_path"], labels, benchmark, modality, rng)
+                    rows[split, key].append(row)
+    for (split, key), listed in rows.items():
+        _write_split(folder / "splits" / benchmark.modalities[key].splits / f"{split}.csv", listed)
+    about = {"title": f"{benchmark.title} demo", "synthetic": True, "note": NOTE}
+    (folder / "dataset.json").write_text(json.dumps(about, indent=2) + "\n", "utf-8")
+
+
+def degrade(labels: NDArray[np.uint8], quality: float, rng: np.random.Generator, k: int) -> NDArray[np.uint8]:
+    """Labels as a model might predict them: boundaries coarse and shifted, regions taken for a class close by.
+
+    Args:
+        labels: canonical classes, shape (H, W) or (N,), each 0..k-1 or 255.
+        quality: in [0, 1]; 1 changes nothing, at 0 little but the commonest classes is right.
+        rng: the same state gives errors in the same places, which grow as the quality falls.
+        k: the number of classes.
+
+    Returns:
+        The shape of `labels`, with no value that `labels` lacks.
+
+    Raises:
+        ValueError: the quality is outside [0, 1].
+    """
+    if not 0 <= quality <= 1:
+        raise ValueError(f"quality {quality} is outside [0, 1]")
+    error, shape = 1.0 - quality, labels.shape
+    drifts = rng.uniform(-1, 1, labels.ndim)
+    coarse: NDArray[np.uint8] = labels[np.ix_(*(_coarsen(n, error, d) for n, d in zip(shape, drifts, strict=True)))]
+    counts = np.bincount(coarse.ravel(), minlength=256)[:k]
+    chance = np.zeros(256)
+    chance[:k] = error * (1.7 - counts / max(1, int(counts.max())))  # the commonest class errs least
+    regions = (_REGIONS[labels.ndim],) * labels.ndim
+    places = [at + _noise(rng, shape, regions) * n / 6 - n / 12 for at, n in zip(np.indices(shape), shape, strict=True)]
+    region = tuple(np.clip(p * r // n, 0, r - 1).astype(int) for p, r, n in zip(places, regions, shape, strict=True))
+    moves = rng.uniform(-0.25, 0.25, (labels.ndim, *regions))
+    nearby = [
+        np.clip(at + move[region] * n, 0, n - 1).astype(int)
+        for at, move, n in zip(np.indices(shape), moves, shape, strict=True)
+    ]
+    return np.where(rng.random(regions)[region] < chance[coarse], coarse[tuple(nearby)], coarse)
+
+
+def write_predictions(  # noqa: PLR0913 - the choices go by name
+    groundtruth_labels: Iterable[tuple[str, str, NDArray[np.uint8]]],
+    zip_path: Path,
+    *,
+    kind: str,
+    quality: float,
+    seed: int,
+    k: int,
+) -> None:
+    """Write a submission in the `benchmark` encoding, made from the ground truth by `degrade`.
+
+    Args:
+        groundtruth_labels: sequence, frame name and canonical labels, shape (H, W) or (N,), of each frame. Unlabelled
+            pixels and points get the class of a neighbour: a prediction has no 255.
+        zip_path: the zip to write or replace.
+        kind: "image" or "cloud".
+        quality: in [0, 1], see `degrade`.
+        seed: a frame's errors depend on this and on its name, not on the order of frames.
+        k: the number of classes.
+
+    Raises:
+        ValueError: the kind or the quality is not one of those named.
+    """
+    if kind not in {"image", "cloud"}:
+        raise ValueError(f"unknown kind {kind!r}")
+    suffix = ".png" if kind == "image" else ".label"
+    with zipfile.ZipFile(zip_path, "w") as archive:
+        for sequence, name, labels in groundtruth_labels:
+            rng = np.random.default_rng([seed, zlib.crc32(f"{sequence}/{name}".encode())])
+            predicted = degrade(_fill(labels), quality, rng, k)
+            add_member(archive, f"{sequence}/{name}{suffix}", encode_labels(predicted, kind))
+
+
+@dataclass(frozen=True)
+class _Canvas:
+    """A label map under work; x and y run over 0..1 from the top left."""
+
+    labels: NDArray[np.uint8]
+    names: tuple[str, ...]
+    rng: np.random.Generator
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+
+    def paint(self, name: str, where: NDArray[np.bool_]) -> None:
+        self.labels[where] = self.names.index(name)
+
+    def noise(self, rows: int, columns: int) -> NDArray[np.float64]:
+        return _noise(self.rng, self.labels.shape, (rows, columns))
+
+
+def _scene(
+    rng: np.random.Generator, size: tuple[int, int], names: tuple[str, ...], rare: set[str]
+) -> NDArray[np.uint8]:
+    """A forest as canonical labels, shape (H, W), with every common class and these rare ones, perhaps more."""
+    width, height = size
+    y, x = np.mgrid[0.5:height, 0.5:width] / np.array([[[height]], [[width]]])
+    canvas = _Canvas(np.full((height, width), names.index("tree-foliage"), np.uint8), names, rng, x, y)
+    shown = {name for name in RARE if name in rare or rng.random() < 0.12}
+    horizon = rng.uniform(0.5, 0.6)
+    _paint_backdrop(canvas, horizon, shown)
+    _paint_ground(canvas, horizon, shown)
+    _paint_trunks(canvas, horizon)
+    if "other-object" in shown:  # a sign
+        left, foot = rng.uniform(0.1, 0.8), horizon + rng.uniform(0.12, 0.25)
+        canvas.paint("other-object", (abs(x - left - 0.05) < 0.008) & (abs(y - foot + 0.12) < 0.12))
+        canvas.paint("other-object", (abs(x - left - 0.05) < 0.05) & (abs(y - foot + 0.22) < 0.05))
+    canvas.labels[canvas.noise(9, 12) > 0.84] = UNLABELLED
+    _ensure(canvas.labels, [*(names.index(name) for name in (*COMMON, *sorted(rare))), UNLABELLED], rng)
+    return canvas.labels
+
+
+def _paint_backdrop(canvas: _Canvas, horizon: float, shown: set[str]) -> None:
+    rng, x, y = canvas.rng, canvas.x, canvas.y
+    opening = 0.75 - 1.1 * abs(y - 0.12) - 0.35 * abs(x - rng.uniform(0.3, 0.7))
+    canvas.paint("sky", (canvas.noise(7, 9) < opening - 0.12) & (y < horizon - 0.1))
+    if "structure" in shown:
+        middle, half, top = rng.uniform(0.2, 0.8), rng.uniform(0.1, 0.16), horizon - rng.uniform(0.12, 0.2)
+        walls = (abs(x - middle) < half) & (y > top) & (y < horizon + 0.06)
+        canvas.paint("structure", walls | ((y <= top) & (top - y < 0.1 - 0.6 * abs(x - middle))))
+    canvas.paint("bush", (abs(y - horizon) < 0.1) & (canvas.noise(5, 9) > 0.52 + 2 * abs(y - horizon)))
+
+
+def _paint_ground(canvas: _Canvas, horizon: float, shown: set[str]) -> None:
+    rng, x, y = canvas.rng, canvas.x, canvas.y
+    ground = y > horizon + 0.14 * (canvas.noise(2, 8) - 0.4)
+    canvas.paint("grass", ground)
+    depth = np.clip((y - horizon) / (1 - horizon), 0, 1)
+    canvas.paint("dirt", ground & (canvas.noise(6, 5) > 0.62))
+    path = rng.uniform(0.35, 0.65) + rng.uniform(-0.25, 0.25) * depth**2 + 0.1 * (canvas.noise(4, 1) - 0.5)
+    canvas.paint("dirt", ground & (abs(x - path) < 0.03 + 0.2 * depth + 0.08 * (canvas.noise(8, 8) - 0.5)))
+    for name in sorted(shown & {"gravel", "mud", "other-terrain", "rock", "water"}):
+        middle, low = rng.uniform(0.1, 0.9), rng.uniform(horizon + 0.12, 0.94)
+        wide = rng.uniform(0.25, 0.4) * (low - horizon) + 0.04
+        flat = 0.8 if name == "rock" else 0.35
+        distance = ((x - middle) / wide) ** 2 + ((y - low) / (wide * flat)) ** 2
+        canvas.paint(name, ground & (distance < 0.4 + 1.2 * canvas.noise(10, 10)))
+    if "fence" in shown:
+        rail = y - horizon - 0.04 * x
+        posts = (np.mod(x, 0.09) < 0.014) & (abs(rail) < 0.07)
+        canvas.paint("fence", posts | (abs(rail + 0.04) < 0.01) | (abs(rail - 0.015) < 0.01))
+    if "log" in shown:
+        slope, middle, low = rng.uniform(-0.35, 0.35), rng.uniform(0.2, 0.8), rng.uniform(horizon + 0.15, 0.92)
+        wobble = 0.03 * (canvas.noise(2, 8) - 0.5)
+        canvas.paint("log", (abs(x - middle) < 0.16) & (abs(y - low - slope * (x - middle) + wobble) < 0.026))
+
+
+def _paint_trunks(canvas: _Canvas, horizon: float) -> None:
+    """Trunks from far and thin to near and thick, then leaves in front of them."""
+    rng, x, y = canvas.rng, canvas.x, canvas.y
+    for near in np.sort(rng.random(int(rng.integers(6, 12))) ** 2):
+        foot = horizon + 0.02 + 0.32 * near
+        middle = rng.uniform(0, 1) + rng.uniform(-0.08, 0.08) * (foot - y) + 0.05 * (canvas.noise(4, 1) - 0.5)
+        half = (0.007 + 0.03 * near) * (0.75 + 0.35 * y / foot)
+        canvas.paint("tree-trunk", (abs(x - middle) < half) & (y < foot) & (y > 0.3 - 0.4 * near))
+    canvas.paint("tree-foliage", (canvas.noise(9, 12) > 0.5 + 0.5 * y) & (y < horizon - 0.05))
+
+
+def _cloud(
+    rng: np.random.Generator, scene: NDArray[np.uint8], names: tuple[str, ...], rare: set[str], points: int
+) -> NDArray[np.uint8]:
+    """The labels of points that see the scene, column by column as a sweep does, shape (N,)."""
+    unseen = [names.index(name) for name in UNSEEN_IN_CLOUDS]
+    solid = scene.T[~np.isin(scene.T, unseen)]
+    labels = solid[np.sort(rng.integers(0, solid.size, points - int(rng.integers(0, points // 10))))]
+    seen = {*(names.index(name) for name in (*COMMON, *rare)), UNLABELLED} - set(unseen)
+    _ensure(labels, sorted(seen), rng)
+    return labels
+
+
+def _ensure(labels: NDArray[np.uint8], wanted: list[int], rng: np.random.Generator) -> None:
+    """Put a speck of each missing value where the commonest one is: that one is never used up."""
+    common = np.bincount(labels.ravel()).argmax()
+    for value in wanted:
+        if not (labels == value).any():
+            spot = rng.choice(np.argwhere(labels == common))
+            speck = labels[tuple(slice(i, i + max(2, n // 40)) for i, n in zip(spot, labels.shape, strict=True))]
+            speck[speck == common] = value
+
+
+def _noise(rng: np.random.Generator, shape: tuple[int, ...], cells: tuple[int, ...]) -> NDArray[np.float64]:
+    """Value noise in [0, 1] about 0.5: a random grid with a finer one on top, smoothly joined along each axis."""
+    made = np.zeros(shape)
+    for weight, finer in ((0.7, 1), (0.3, 3)):
+        grid = rng.random([n * finer + 1 for n in cells])
+        for axis, (length, n) in enumerate(zip(shape, cells, strict=True)):
+            near = np.linspace(0, n * finer, length)[:, None] - np.arange(n * finer + 1)
+            near = np.clip(1 - abs(near), 0, 1)
+            grid = np.moveaxis(np.tensordot(near * near * (3 - 2 * near), grid, (1, axis)), 0, axis)
+        made += weight * grid
+    return made
+
+
+def _coarsen(length: int, error: float, drift: float) -> NDArray[np.int64]:
+    """For each place the one whose label it takes: that of its block's centre, moved."""
+    step = 1 + round(error * min(length, 200) / 16)
+    at = np.arange(length) // step * step + step // 2 + round(drift * (step - 1))
+    return np.clip(at, 0, length - 1)
+
+
+def _fill(labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Unlabelled places take the last class before them, at the start the first one after; 0 where there is none."""
+    flat = labels.ravel()
+    known = np.flatnonzero(flat != UNLABELLED)
+    if not known.size:
+        return np.zeros_like(labels)
+    last = np.searchsorted(known, np.arange(flat.size), side="right") - 1
+    return flat[known[np.maximum(last, 0)]].reshape(labels.shape)
+
+
+def _start(date: str, order: int, seed: int) -> datetime:
+    """A morning of the sequence's month; no two sequences share a day."""
+    month = datetime.strptime(date, "%Y-%m").replace(tzinfo=timezone.utc)
+    rng = np.random.default_rng([seed, order])
+    return month + timedelta(days=1 + 5 * order + int(rng.integers(5)), seconds=int(rng.integers(3600)))
+
+
+def _row(key: str, modality: Modality, sequence: str, frame: str) -> dict[str, str]:
+    """The line of a split file, as WildScenes writes it."""
+    base = f"WildScenes{key}/{sequence}"
+    if modality.kind == "image":
+        paths = {"im_path": f"{base}/image/{frame}.png", "label_path": f"{base}/indexLabel/{frame}.png"}
+    else:
+        stem = frame.replace("-", ".")
+        paths = {
+            "lidar_path": f"{base}/Clouds/{stem}.bin",
+            "label_path": f"{base}/Labels/{stem}.label",
+            "hist_path": f"{base}/Hists/{stem}.csv",
+        }
+    return {"id": frame, **paths}
+
+
+def _write_labels(
+    path: Path, labels: NDArray[np.uint8], benchmark: Benchmark, modality: Modality, rng: np.random.Generator
+) -> None:
+    """Write a label file in the modality's own encoding; a class with two indices has one left, the other right."""
+    stored = np.full(labels.shape, UNLABELLED, np.uint8)
+    column = np.broadcast_to(np.arange(labels.shape[-1]), labels.shape)
+    encoding = benchmark.encodings[modality.groundtruth_encoding].values
+    for value, name in (*enumerate(benchmark.names), (UNLABELLED, "unlabelled")):
+        indices, here = [i for i, one in enumerate(encoding) if one == name], labels == value
+        if indices and here.any():
+            stored[here] = indices[0]
+            stored[here & (column > column[here].mean())] = indices[-1]
+    data = encode_labels(stored, modality.kind)
+    if modality.kind == "cloud":
+        instances = rng.integers(1, 1 << 16, labels.size, np.uint32) * (rng.random(labels.size) < 0.3)
+        data = (np.frombuffer(data, "<u4") | (instances << 16)).astype("<u4").tobytes()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
+
+
+def _write_split(path: Path, rows: list[dict[str, Any]]) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        table = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)

@@ -1,0 +1,220 @@
+"""A zip and ground truth, to one confusion matrix a frame or to everything that is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from evaluator import mistakes
+from evaluator.archive import Archive, Member, shown
+from evaluator.benchmark import DEFAULT_ENCODING, INVALID, Benchmark, Track
+from evaluator.confusion import VALUES, fold, pair_counts
+from evaluator.errors import Code, Problem, Refused
+from evaluator.frames import Frame
+from evaluator.labels import (
+    HEADER_BYTES,
+    MAX_PIXELS,
+    check_cloud_size,
+    check_image_start,
+    member_limit,
+    read_cloud,
+    read_image,
+)
+from evaluator.matching import Matched, match, match_unknown
+
+Progress = Callable[[int, int], None]
+LISTED = 100
+"""Problems that a report lists; all are counted."""
+
+
+class Truth(Protocol):
+    """Where the true labels of a frame come from."""
+
+    def labels(self, track: Track, frame: Frame) -> NDArray[np.uint8]:
+        """Canonical classes, 255 for unlabelled; shape (N,)."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What a submission is checked against: its track, the encoding that it names, and the benchmark of both."""
+
+    benchmark: Benchmark
+    track: Track
+    encoding: str = DEFAULT_ENCODING
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """The outcome of some frames in a row.
+
+    Attributes:
+        frames: names of the frames that were counted, N of them.
+        confusion: their matrices, shape (N, K, K + 1).
+        seen: how often each value occurred in the frames that could be read, shape (256,).
+        problems: what is wrong with the others.
+    """
+
+    frames: tuple[str, ...]
+    confusion: NDArray[np.int64]
+    seen: NDArray[np.int64]
+    problems: tuple[Problem, ...]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a whole submission; it is refused when there is any problem."""
+
+    frames: tuple[str, ...]
+    confusion: NDArray[np.int64] = field(repr=False)
+    problems: tuple[Problem, ...]
+    warnings: tuple[Problem, ...]
+
+    @property
+    def valid(self) -> bool:
+        """Whether nothing is wrong."""
+        return not self.problems
+
+
+def open_archive(path: Path, benchmark: Benchmark) -> Archive:
+    """Open a submitted zip under the benchmark's limits.
+
+    Raises:
+        Refused: the archive as a whole breaks a rule.
+    """
+    return Archive(path, max_members=benchmark.limits.max_members)
+
+
+def plan(archive: Archive, frames: Sequence[Frame] | None, task: Task) -> Matched:
+    """Pair the members of an archive with frames; with every file of the right type when no frames are known."""
+    if frames is None:
+        return match_unknown(archive.members, task.track)
+    return match(archive.members, frames, task.track, task.benchmark)
+
+
+def score_chunk(
+    archive: Archive, pairs: Sequence[tuple[Frame, Member]], task: Task, truth: Truth | None = None
+) -> Chunk:
+    """Read some members and count them against the truth, or only check them when there is none."""
+    columns, k = task.benchmark.columns(task.encoding), task.benchmark.k
+    names, matrices, problems = [], [], []
+    seen = np.zeros(VALUES, np.int64)
+    for frame, member in pairs:
+        try:
+            labels = _read(archive, member, frame, task)
+            true = truth.labels(task.track, frame) if truth else np.zeros(labels.size, np.uint8)
+            pairs_seen = pair_counts(true, labels)
+            values = pairs_seen.sum(axis=0)
+            seen += values
+            _check_values(values, columns, member, task)
+        except Refused as refused:
+            problems.append(refused.problem)
+            continue
+        if truth:
+            names.append(frame.name)
+            matrices.append(fold(pairs_seen, columns, k))
+    confusion = np.stack(matrices) if matrices else np.zeros((0, k, k + 1), np.int64)
+    return Chunk(tuple(names), confusion, seen, tuple(problems))
+
+
+def conclude(matched: Matched, chunks: Sequence[Chunk], task: Task) -> Outcome:
+    """Put chunks together, in their order, and explain what their values give away."""
+    seen = np.sum([chunk.seen for chunk in chunks], axis=0) if chunks else np.zeros(VALUES, np.int64)
+    found = [*matched.problems, *(problem for chunk in chunks for problem in chunk.problems)]
+    odd = mistakes.other_encoding(seen, task.track, task.encoding, task.benchmark)
+    k = task.benchmark.k
+    return Outcome(
+        frames=tuple(name for chunk in chunks for name in chunk.frames),
+        confusion=np.concatenate([chunk.confusion for chunk in chunks]) if chunks else np.zeros((0, k, k + 1), np.int64),
+        problems=mistakes.explain(found, seen, task.track, task.encoding, task.benchmark),
+        warnings=(*odd, *matched.warnings),
+    )
+
+
+def refusal(problem: Problem, task: Task) -> Outcome:
+    """The outcome of an archive that was refused as a whole."""
+    return Outcome((), np.zeros((0, task.benchmark.k, task.benchmark.k + 1), np.int64), (problem,), ())
+
+
+def evaluate(  # noqa: PLR0913 each is an option of the command
+    path: Path,
+    task: Task,
+    frames: Sequence[Frame] | None,
+    truth: Truth | None = None,
+    *,
+    jobs: int = 1,
+    progress: Progress | None = None,
+) -> Outcome:
+    """Check a submission and, where there is truth, score it; the result does not depend on `jobs`.
+
+    Args:
+        path: the zip.
+        task: what it is checked against.
+        frames: the frames of the track; None when they are not known.
+        truth: their labels; None to check without scoring.
+        jobs: how many threads read and count.
+        progress: called with the frames done and the frames in all.
+    """
+    task.benchmark.columns(task.encoding)  # an unknown encoding is the caller's mistake, not the archive's
+    try:
+        with open_archive(path, task.benchmark) as archive:
+            matched = plan(archive, frames, task)
+    except Refused as refused:
+        return refusal(refused.problem, task)
+    size = max(1, min(16, len(matched.pairs) // max(1, jobs)))
+    parts = [matched.pairs[i : i + size] for i in range(0, len(matched.pairs), size)]
+
+    def run(part: Sequence[tuple[Frame, Member]]) -> Chunk:
+        with open_archive(path, task.benchmark) as own:  # a zip file is read from one thread
+            return score_chunk(own, part, task, truth)
+
+    chunks, done = [], 0
+    with ThreadPoolExecutor(max(1, jobs)) as pool:
+        for part, chunk in zip(parts, pool.map(run, parts), strict=True):
+            chunks.append(chunk)
+            done += len(part)
+            if progress:
+                progress(done, len(matched.pairs))
+    outcome = conclude(matched, chunks, task)
+    if frames is None:
+        note = Problem(Code.CHECKED_WITHOUT_FACTS)
+        return Outcome(outcome.frames, outcome.confusion, outcome.problems, (note, *outcome.warnings))
+    return outcome
+
+
+def _read(archive: Archive, member: Member, frame: Frame, task: Task) -> NDArray[np.uint8]:
+    """The values of a member, shape (N,)."""
+    name, shape = shown(member.name), frame.shape or None
+    limit = member_limit(shape) if shape else 4 * MAX_PIXELS
+    if task.track.modality.kind == "image":
+        if member.size > limit:  # say what it is, without reading it whole
+            check_image_start(archive.start(member, HEADER_BYTES), name, shape)
+        return read_image(archive.read(member, limit), name, shape).ravel()
+    check_cloud_size(member.size, name, shape)
+    values = read_cloud(archive.read(member, limit), name, shape)
+    if values.max(initial=0) < VALUES:
+        return values.astype(np.uint8)
+    columns = task.benchmark.columns(task.encoding)
+    counted = zip(*np.unique(values, return_counts=True), strict=True)
+    wrong = {int(v): int(n) for v, n in counted if v >= VALUES or columns[v] == INVALID}
+    raise _out_of_range(name, wrong, task)
+
+
+def _check_values(values: NDArray[np.int64], columns: NDArray[np.uint8], member: Member, task: Task) -> None:
+    wrong = {int(v): int(values[v]) for v in np.flatnonzero(values) if columns[v] == INVALID}
+    if wrong:
+        raise _out_of_range(shown(member.name), wrong, task)
+
+
+def _out_of_range(member: str, wrong: dict[int, int], task: Task) -> Refused:
+    top = len(task.benchmark.encodings[task.encoding].values) - 1
+    listed = [f"{value} ({count} times)" for value, count in list(wrong.items())[:8]]
+    more = [f"and {len(wrong) - 8} more values"] if len(wrong) > 8 else []  # noqa: PLR2004 as many as fit a line
+    return Refused(
+        Problem(Code.VALUE_OUT_OF_RANGE, member, f"{task.encoding} labels 0-{top} or 255", ", ".join(listed + more))
+    )

@@ -1,0 +1,81 @@
+"""Which member of an archive is which frame of a track."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import PurePosixPath
+
+from evaluator.archive import Member, shown
+from evaluator.benchmark import Benchmark, Track
+from evaluator.errors import Code, Problem
+from evaluator.frames import Frame, frame_name
+
+
+@dataclass(frozen=True)
+class Matched:
+    """The frames that have a member, in the frames' order, and what is wrong with the names."""
+
+    pairs: tuple[tuple[Frame, Member], ...]
+    problems: tuple[Problem, ...]
+    warnings: tuple[Problem, ...]
+
+
+def match(members: Iterable[Member], frames: Sequence[Frame], track: Track, benchmark: Benchmark) -> Matched:
+    """Pair members with frames by file stem; extensions ignore case, `-` and `.` inside a timestamp are the same."""
+    wanted = {frame.name: frame for frame in frames}
+    sequences = {one.name for one in benchmark.sequences}
+    suffix = track.modality.suffix
+    claims: dict[str, list[Member]] = {}
+    problems: list[Problem] = []
+    warnings: list[Problem] = []
+    wrong_type: set[str] = set()
+    for member in members:
+        if member.is_junk:
+            continue
+        name, extension = _split(member.path, wanted)
+        frame = wanted.get(name)
+        if frame is None:
+            warnings.append(Problem(Code.UNKNOWN_MEMBER, shown(member.name)))
+        elif extension != suffix:
+            wrong_type.add(name)
+            problems.append(
+                Problem(Code.WRONG_TYPE, shown(member.name), f"{name}{suffix}", extension or "a name without extension")
+            )
+        else:
+            claims.setdefault(name, []).append(member)
+            named = [part for part in member.path.parts[:-1] if part in sequences]
+            if named and named[-1] != frame.sequence:
+                problems.append(Problem(Code.WRONG_SEQUENCE, shown(member.name), frame.sequence, named[-1]))
+    for name, rivals in claims.items():
+        if len(rivals) > 1:
+            found = ", ".join(shown(one.name) for one in rivals)
+            problems.append(Problem(Code.DUPLICATE_FRAME, shown(rivals[1].name), f"one member for {name}", found))
+    problems += [
+        Problem(Code.MISSING_FRAME, f"{frame.sequence}/{frame.name}{suffix}", "a member of this name", "none")
+        for frame in frames
+        if frame.name not in claims and frame.name not in wrong_type
+    ]
+    pairs = tuple((frame, claims[frame.name][0]) for frame in frames if frame.name in claims)
+    return Matched(pairs, tuple(problems), tuple(warnings))
+
+
+def match_unknown(members: Iterable[Member], track: Track) -> Matched:
+    """Take every file of the track's type for a frame, where no frames are known: shapes are empty then."""
+    suffix = track.modality.suffix
+    known = [m for m in members if not m.is_junk]
+    pairs = tuple(
+        (Frame(name=frame_name(m.path.stem), sequence="", split="", shape=()), m)
+        for m in known
+        if m.path.suffix.lower() == suffix
+    )
+    odd = tuple(Problem(Code.UNKNOWN_MEMBER, shown(m.name)) for m in known if m.path.suffix.lower() != suffix)
+    return Matched(pairs, (), odd)
+
+
+def _split(path: PurePosixPath, wanted: dict[str, Frame]) -> tuple[str, str]:
+    """A frame's name and the extension; a name such as `1623370893.376340233` has none."""
+    whole = frame_name(path.name)
+    if whole in wanted:
+        return whole, ""
+    return frame_name(path.stem), path.suffix.lower()
