@@ -17,6 +17,8 @@ _BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
 _UNSAFE = re.compile(rf"[\x00-\x1f\x7f-\x9f{_BIDI}]|^[/\\]|^[A-Za-z]:|(^|[/\\])\.\.([/\\]|$)")
 _ENCRYPTED = 0x1
 _LOCAL_HEADER = 30
+_DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError, ValueError)
+"""What reading a member may raise; a name that is no UTF-8 is a ValueError."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ class Archive:
             with self._file.open(self._infos[member.position]) as stream:
                 data = stream.read(limit + 1)
                 stream.read(1)  # reaching the end is what verifies the checksum
-        except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError) as error:
+        except _DAMAGED as error:
             raise _unreadable(member, "an intact member", str(error) or type(error).__name__) from error
         if len(data) != member.size:
             raise _unreadable(member, f"{member.size} bytes, as its entry says", f"{len(data)} bytes or more")
@@ -90,7 +92,7 @@ class Archive:
         try:
             with self._file.open(self._infos[member.position]) as stream:
                 return stream.read(size)
-        except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError):
+        except _DAMAGED:
             return b""
 
     def __enter__(self) -> Archive:
@@ -127,7 +129,7 @@ def _check_layout(infos: list[zipfile.ZipInfo]) -> None:
 
 def _check_entry(info: zipfile.ZipInfo) -> None:
     name = info.orig_filename
-    if not name or _UNSAFE.search(name):
+    if not name or _UNSAFE.search(name) or _UNSAFE.search(info.filename):  # newer Pythons have two names
         raise Refused(Problem(Code.UNSAFE_NAME, shown(name), "a plain relative name", ascii(name)))
     kind = stat.S_IFMT(info.external_attr >> 16)
     if kind not in (0, stat.S_IFREG, stat.S_IFDIR):

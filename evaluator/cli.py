@@ -266,11 +266,14 @@ def _size(_ctx: click.Context, _param: click.Parameter, value: str) -> tuple[int
 @click.option("--size", default="252x189", show_default=True, callback=_size, help="Of the images, WxH in pixels.")
 @click.option("--points", type=click.IntRange(200), default=4000, show_default=True, help="Of a cloud.")
 @click.option("--seed", type=int, default=0, show_default=True)
-def demo_data(folder: Path, frames: int, size: tuple[int, int], points: int, seed: int) -> None:
+@benchmark_option
+def demo_data(  # noqa: PLR0913 each is an option
+    folder: Path, frames: int, size: tuple[int, int], points: int, seed: int, benchmark: Benchmark
+) -> None:
     """Write a small synthetic data set in the WildScenes layout, with its split files."""
     if folder.exists() and any(folder.iterdir()):
         raise _UsageError(f"{folder} is not empty")
-    write_demo(folder, frames=frames, size=size, points=points, seed=seed)
+    write_demo(folder, frames=frames, size=size, points=points, seed=seed, benchmark=benchmark)
     click.echo(f"{folder}: synthetic labels; its split files are in {folder / 'splits'}")
 
 

@@ -8,7 +8,7 @@ import zipfile
 import zlib
 from dataclasses import dataclass
 from datetime import datetime, timedelta, timezone
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -35,7 +35,8 @@ NOTE = "Made by a program from random numbers. The scores of this data set say n
 _SPLITS = ("train", "val", "test")
 _VAL_SEQUENCE = "K-01"
 _FRAME_SECONDS = 2
-_REGIONS = {1: 64, 2: 12}
+_REGIONS = {1: 64, 2: 12}  # per axis, by the number of axes
+_COARSEST = {1: 2, 2: 8}
 
 
 def write_demo(  # noqa: PLR0913 - all but the folder have defaults and go by name
@@ -89,7 +90,12 @@ def write_demo(  # noqa: PLR0913 - all but the folder have defaults and go by na
                     _write_labels(folder / row["label_path"], labels, benchmark, modality, rng)
                     rows[split, key].append(row)
     for (split, key), listed in rows.items():
-        _write_split(folder / "splits" / benchmark.modalities[key].splits / f"{split}.csv", listed)
+        path = folder / "splits" / benchmark.modalities[key].splits / f"{split}.csv"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("w", encoding="utf-8", newline="") as file:
+            table = csv.DictWriter(file, list(listed[0]), lineterminator="\n")
+            table.writeheader()
+            table.writerows(listed)
     about = {"title": f"{benchmark.title} demo", "synthetic": True, "note": NOTE}
     (folder / "dataset.json").write_text(json.dumps(about, indent=2) + "\n", "utf-8")
 
@@ -112,11 +118,13 @@ def degrade(labels: NDArray[np.uint8], quality: float, rng: np.random.Generator,
     if not 0 <= quality <= 1:
         raise ValueError(f"quality {quality} is outside [0, 1]")
     error, shape = 1.0 - quality, labels.shape
+    steps = [1 + round(error * min(n / 24, _COARSEST[labels.ndim])) for n in shape]
     drifts = rng.uniform(-1, 1, labels.ndim)
-    coarse: NDArray[np.uint8] = labels[np.ix_(*(_coarsen(n, error, d) for n, d in zip(shape, drifts, strict=True)))]
+    blocks = (_coarsen(n, step, drift) for n, step, drift in zip(shape, steps, drifts, strict=True))
+    coarse: NDArray[np.uint8] = labels[np.ix_(*blocks)]
     counts = np.bincount(coarse.ravel(), minlength=256)[:k]
     chance = np.zeros(256)
-    chance[:k] = error * (1.7 - counts / max(1, int(counts.max())))  # the commonest class errs least
+    chance[:k] = error * (1.2 - counts / max(1, int(counts.max())))  # the commonest class errs least
     regions = (_REGIONS[labels.ndim],) * labels.ndim
     places = [at + _noise(rng, shape, regions) * n / 6 - n / 12 for at, n in zip(np.indices(shape), shape, strict=True)]
     region = tuple(np.clip(p * r // n, 0, r - 1).astype(int) for p, r, n in zip(places, regions, shape, strict=True))
@@ -161,21 +169,62 @@ def write_predictions(  # noqa: PLR0913 - the choices go by name
             add_member(archive, f"{sequence}/{name}{suffix}", encode_labels(predicted, kind))
 
 
-@dataclass(frozen=True)
-class _Canvas:
-    """A label map under work; x and y run over 0..1 from the top left."""
+def _coarsen(length: int, step: int, drift: float) -> NDArray[np.int64]:
+    """For each place the one whose label it takes: that of its block's centre, moved."""
+    at = np.arange(length) // step * step + step // 2 + round(drift * (step - 1))
+    return np.clip(at, 0, length - 1)
 
-    labels: NDArray[np.uint8]
-    names: tuple[str, ...]
-    rng: np.random.Generator
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
 
-    def paint(self, name: str, where: NDArray[np.bool_]) -> None:
-        self.labels[where] = self.names.index(name)
+def _fill(labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Unlabelled places take the last class before them, at the start the first one after; 0 where there is none."""
+    flat = labels.ravel()
+    known = np.flatnonzero(flat != UNLABELLED)
+    if not known.size:
+        return np.zeros_like(labels)
+    last = np.searchsorted(known, np.arange(flat.size), side="right") - 1
+    return flat[known[np.maximum(last, 0)]].reshape(labels.shape)
 
-    def noise(self, rows: int, columns: int) -> NDArray[np.float64]:
-        return _noise(self.rng, self.labels.shape, (rows, columns))
+
+def _start(date: str, order: int, seed: int) -> datetime:
+    """A morning of the sequence's month; no two sequences share a day."""
+    month = datetime.strptime(date, "%Y-%m").replace(tzinfo=timezone.utc)
+    rng = np.random.default_rng([seed, order])
+    return month + timedelta(days=1 + 5 * order + int(rng.integers(5)), seconds=int(rng.integers(3600)))
+
+
+def _row(key: str, modality: Modality, sequence: str, frame: str) -> dict[str, str]:
+    """The line of a split file, as WildScenes writes it."""
+    base = f"WildScenes{key}/{sequence}"
+    if modality.kind == "image":
+        paths = {"im_path": f"{base}/image/{frame}.png", "label_path": f"{base}/indexLabel/{frame}.png"}
+    else:
+        stem = frame.replace("-", ".")
+        paths = {
+            "lidar_path": f"{base}/Clouds/{stem}.bin",
+            "label_path": f"{base}/Labels/{stem}.label",
+            "hist_path": f"{base}/Hists/{stem}.csv",
+        }
+    return {"id": frame, **paths}
+
+
+def _write_labels(
+    path: Path, labels: NDArray[np.uint8], benchmark: Benchmark, modality: Modality, rng: np.random.Generator
+) -> None:
+    """Write a label file in the modality's own encoding; a class with two indices has one left, the other right."""
+    stored = np.full(labels.shape, UNLABELLED, np.uint8)
+    column = np.broadcast_to(np.arange(labels.shape[-1]), labels.shape)
+    encoding = benchmark.encodings[modality.groundtruth_encoding].values
+    for value, name in (*enumerate(benchmark.names), (UNLABELLED, "unlabelled")):
+        indices, here = [i for i, one in enumerate(encoding) if one == name], labels == value
+        if indices and here.any():
+            stored[here] = indices[0]
+            stored[here & (column > column[here].mean())] = indices[-1]
+    data = encode_labels(stored, modality.kind)
+    if modality.kind == "cloud":
+        instances = rng.integers(1, 1 << 16, labels.size, np.uint32) * (rng.random(labels.size) < 0.3)
+        data = (np.frombuffer(data, "<u4") | (instances << 16)).astype("<u4").tobytes()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(data)
 
 
 def _scene(
@@ -251,7 +300,7 @@ def _cloud(
     """The labels of points that see the scene, column by column as a sweep does, shape (N,)."""
     unseen = [names.index(name) for name in UNSEEN_IN_CLOUDS]
     solid = scene.T[~np.isin(scene.T, unseen)]
-    labels = solid[np.sort(rng.integers(0, solid.size, points - int(rng.integers(0, points // 10))))]
+    labels: NDArray[np.uint8] = solid[np.sort(rng.integers(0, solid.size, points - int(rng.integers(0, points // 10))))]
     seen = {*(names.index(name) for name in (*COMMON, *rare)), UNLABELLED} - set(unseen)
     _ensure(labels, sorted(seen), rng)
     return labels
@@ -267,6 +316,23 @@ def _ensure(labels: NDArray[np.uint8], wanted: list[int], rng: np.random.Generat
             speck[speck == common] = value
 
 
+@dataclass(frozen=True)
+class _Canvas:
+    """A label map under work; x and y run over 0..1 from the top left."""
+
+    labels: NDArray[np.uint8]
+    names: tuple[str, ...]
+    rng: np.random.Generator
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+
+    def paint(self, name: str, where: NDArray[np.bool_]) -> None:
+        self.labels[where] = self.names.index(name)
+
+    def noise(self, rows: int, columns: int) -> NDArray[np.float64]:
+        return _noise(self.rng, self.labels.shape, (rows, columns))
+
+
 def _noise(rng: np.random.Generator, shape: tuple[int, ...], cells: tuple[int, ...]) -> NDArray[np.float64]:
     """Value noise in [0, 1] about 0.5: a random grid with a finer one on top, smoothly joined along each axis."""
     made = np.zeros(shape)
@@ -278,70 +344,3 @@ def _noise(rng: np.random.Generator, shape: tuple[int, ...], cells: tuple[int, .
             grid = np.moveaxis(np.tensordot(near * near * (3 - 2 * near), grid, (1, axis)), 0, axis)
         made += weight * grid
     return made
-
-
-def _coarsen(length: int, error: float, drift: float) -> NDArray[np.int64]:
-    """For each place the one whose label it takes: that of its block's centre, moved."""
-    step = 1 + round(error * min(length, 200) / 16)
-    at = np.arange(length) // step * step + step // 2 + round(drift * (step - 1))
-    return np.clip(at, 0, length - 1)
-
-
-def _fill(labels: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Unlabelled places take the last class before them, at the start the first one after; 0 where there is none."""
-    flat = labels.ravel()
-    known = np.flatnonzero(flat != UNLABELLED)
-    if not known.size:
-        return np.zeros_like(labels)
-    last = np.searchsorted(known, np.arange(flat.size), side="right") - 1
-    return flat[known[np.maximum(last, 0)]].reshape(labels.shape)
-
-
-def _start(date: str, order: int, seed: int) -> datetime:
-    """A morning of the sequence's month; no two sequences share a day."""
-    month = datetime.strptime(date, "%Y-%m").replace(tzinfo=timezone.utc)
-    rng = np.random.default_rng([seed, order])
-    return month + timedelta(days=1 + 5 * order + int(rng.integers(5)), seconds=int(rng.integers(3600)))
-
-
-def _row(key: str, modality: Modality, sequence: str, frame: str) -> dict[str, str]:
-    """The line of a split file, as WildScenes writes it."""
-    base = f"WildScenes{key}/{sequence}"
-    if modality.kind == "image":
-        paths = {"im_path": f"{base}/image/{frame}.png", "label_path": f"{base}/indexLabel/{frame}.png"}
-    else:
-        stem = frame.replace("-", ".")
-        paths = {
-            "lidar_path": f"{base}/Clouds/{stem}.bin",
-            "label_path": f"{base}/Labels/{stem}.label",
-            "hist_path": f"{base}/Hists/{stem}.csv",
-        }
-    return {"id": frame, **paths}
-
-
-def _write_labels(
-    path: Path, labels: NDArray[np.uint8], benchmark: Benchmark, modality: Modality, rng: np.random.Generator
-) -> None:
-    """Write a label file in the modality's own encoding; a class with two indices has one left, the other right."""
-    stored = np.full(labels.shape, UNLABELLED, np.uint8)
-    column = np.broadcast_to(np.arange(labels.shape[-1]), labels.shape)
-    encoding = benchmark.encodings[modality.groundtruth_encoding].values
-    for value, name in (*enumerate(benchmark.names), (UNLABELLED, "unlabelled")):
-        indices, here = [i for i, one in enumerate(encoding) if one == name], labels == value
-        if indices and here.any():
-            stored[here] = indices[0]
-            stored[here & (column > column[here].mean())] = indices[-1]
-    data = encode_labels(stored, modality.kind)
-    if modality.kind == "cloud":
-        instances = rng.integers(1, 1 << 16, labels.size, np.uint32) * (rng.random(labels.size) < 0.3)
-        data = (np.frombuffer(data, "<u4") | (instances << 16)).astype("<u4").tobytes()
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(data)
-
-
-def _write_split(path: Path, rows: list[dict[str, Any]]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", encoding="utf-8", newline="") as file:
-        table = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        table.writeheader()
-        table.writerows(rows)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from enum import Enum
 
 
@@ -92,6 +92,15 @@ class Problem:
             "found": self.found,
             "hint": self.hint or HINTS[self.code],
         }
+
+    def as_row(self) -> dict[str, str | None]:
+        """The problem exactly as it is, to be kept; the inverse is `from_row`."""
+        return {**asdict(self), "code": self.code.value}
+
+    @classmethod
+    def from_row(cls, row: dict[str, str | None]) -> Problem:
+        """The problem that `as_row` kept."""
+        return cls(Code(row["code"]), row["member"], row["expected"], row["found"], row["hint"])
 
     def as_warning(self) -> dict[str, str | None]:
         """The short form in which warnings are reported."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,6 +29,7 @@ from evaluator.labels import (
 from evaluator.matching import Matched, match, match_unknown
 
 Progress = Callable[[int, int], None]
+Pair = tuple[Frame, Member]
 LISTED = 100
 """Problems that a report lists; all are counted."""
 
@@ -98,7 +99,7 @@ def plan(archive: Archive, frames: Sequence[Frame] | None, task: Task) -> Matche
 
 
 def score_chunk(
-    archive: Archive, pairs: Sequence[tuple[Frame, Member]], task: Task, truth: Truth | None = None
+    archive: Archive, pairs: Sequence[Pair], task: Task, truth: Truth | None = None
 ) -> Chunk:
     """Read some members and count them against the truth, or only check them when there is none."""
     columns, k = task.benchmark.columns(task.encoding), task.benchmark.k
@@ -120,6 +121,27 @@ def score_chunk(
             matrices.append(fold(pairs_seen, columns, k))
     confusion = np.stack(matrices) if matrices else np.zeros((0, k, k + 1), np.int64)
     return Chunk(tuple(names), confusion, seen, tuple(problems))
+
+
+def in_parts(pairs: Sequence[Pair], size: int) -> Iterator[Sequence[Pair]]:
+    """Cut pairs into parts of a size, in their order; the last may be smaller."""
+    return (pairs[start : start + size] for start in range(0, len(pairs), size))
+
+
+def score_parts(
+    path: Path, parts: Iterable[Sequence[Pair]], task: Task, truth: Truth | None, *, jobs: int
+) -> Iterator[Chunk]:
+    """Score parts of an archive in threads; chunks come in the order of their parts, whatever the number of jobs."""
+
+    def run(part: Sequence[Pair]) -> Chunk:
+        with open_archive(path, task.benchmark) as own:  # a zip file is read from one thread
+            return score_chunk(own, part, task, truth)
+
+    with ThreadPoolExecutor(max(1, jobs)) as pool:
+        try:
+            yield from pool.map(run, parts)
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def conclude(matched: Matched, chunks: Sequence[Chunk], task: Task) -> Outcome:
@@ -166,20 +188,13 @@ def evaluate(  # noqa: PLR0913 each is an option of the command
             matched = plan(archive, frames, task)
     except Refused as refused:
         return refusal(refused.problem, task)
-    size = max(1, min(16, len(matched.pairs) // max(1, jobs)))
-    parts = [matched.pairs[i : i + size] for i in range(0, len(matched.pairs), size)]
-
-    def run(part: Sequence[tuple[Frame, Member]]) -> Chunk:
-        with open_archive(path, task.benchmark) as own:  # a zip file is read from one thread
-            return score_chunk(own, part, task, truth)
-
+    parts = list(in_parts(matched.pairs, max(1, min(16, len(matched.pairs) // max(1, jobs)))))
     chunks, done = [], 0
-    with ThreadPoolExecutor(max(1, jobs)) as pool:
-        for part, chunk in zip(parts, pool.map(run, parts), strict=True):
-            chunks.append(chunk)
-            done += len(part)
-            if progress:
-                progress(done, len(matched.pairs))
+    for part, chunk in zip(parts, score_parts(path, parts, task, truth, jobs=jobs), strict=True):
+        chunks.append(chunk)
+        done += len(part)
+        if progress:
+            progress(done, len(matched.pairs))
     outcome = conclude(matched, chunks, task)
     if frames is None:
         note = Problem(Code.CHECKED_WITHOUT_FACTS)

@@ -64,7 +64,8 @@ class Facts(BaseModel):
             GroundTruthError: the release has none.
         """
         modality = self.modalities.get(track.modality_id)
-        found = tuple(f for f in modality.frames if track.holds(f.split, f.sequence)) if modality else ()
+        held = [f for f in modality.frames if track.holds(f.split, f.sequence)] if modality else []
+        found = tuple(sorted(held, key=lambda frame: (frame.sequence, frame.name)))
         if not found:
             raise GroundTruthError(f"this release has no frames for track {track.id}")
         return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from functools import cached_property
+from math import prod
 from pathlib import Path
 
 import numpy as np
@@ -56,10 +57,17 @@ def encode_runs(labels: NDArray[np.uint8]) -> bytes:
     return flat[starts].tobytes() + lengths.astype("<u4").tobytes()
 
 
-def decode_runs(data: bytes | NDArray[np.uint8], runs: int) -> NDArray[np.uint8]:
-    """Runs as flat labels, shape (N,); the inverse of `encode_runs`."""
+def decode_runs(data: bytes | NDArray[np.uint8], runs: int, size: int) -> NDArray[np.uint8]:
+    """Runs as flat labels, shape (size,); the inverse of `encode_runs`.
+
+    Raises:
+        ValueError: the runs are damaged and give another number of labels, which may not fit into memory.
+    """
     classes = np.frombuffer(data, np.uint8, runs)
-    return np.repeat(classes, np.frombuffer(data, "<u4", runs, offset=runs))
+    lengths = np.frombuffer(data, "<u4", runs, offset=runs)
+    if lengths.sum(dtype=np.int64) != size:
+        raise ValueError(f"{lengths.sum(dtype=np.int64)} labels, expected {size}")
+    return np.repeat(classes, lengths)
 
 
 def labels_digest(labels: NDArray[np.uint8]) -> str:
@@ -123,7 +131,7 @@ class GroundTruth:
         Returns:
             Shape (N,), row by row: canonical classes, 255 for unlabelled.
         """
-        return self._unpack(track.modality_id, self._index[track.modality_id][frame.name])
+        return self._unpack(track.modality_id, self._index[track.modality_id][frame.name], frame)
 
     def verify(self) -> list[str]:
         """Unpack every frame and compare its digest; returns what is wrong, one sentence each."""
@@ -137,13 +145,13 @@ class GroundTruth:
                     wrong.append(f"{modality} frame {frame.name} is not packed")
                     continue
                 try:
-                    labels = self._unpack(modality, packed)
+                    labels = self._unpack(modality, packed, frame)
                 except (ValueError, OSError) as error:
                     wrong.append(f"{modality} frame {frame.name} cannot be unpacked: {error}")
                     continue
                 digest = labels_digest(labels)
                 seen[modality].append((frame, digest))
-                if digest != packed.sha256 or labels.size != np.prod(frame.shape):
+                if digest != packed.sha256:
                     wrong.append(f"{modality} frame {frame.name} is damaged")
                 elif labels[labels != UNLABELLED].max(initial=0) >= self.benchmark.k:
                     wrong.append(f"{modality} frame {frame.name} has a class that the benchmark lacks")
@@ -151,9 +159,9 @@ class GroundTruth:
             wrong.append("the digest of the whole does not match")
         return wrong
 
-    def _unpack(self, modality: str, packed: PackedFrame) -> NDArray[np.uint8]:
+    def _unpack(self, modality: str, packed: PackedFrame, frame: Frame) -> NDArray[np.uint8]:
         data = self._maps[modality][packed.offset : packed.offset + 5 * packed.runs]
-        return decode_runs(data, packed.runs)
+        return decode_runs(data, packed.runs, prod(frame.shape))
 
     @cached_property
     def _maps(self) -> dict[str, NDArray[np.uint8]]:

@@ -20,8 +20,8 @@ HEADER_BYTES = 33
 """Of a PNG: its signature and the whole of its first chunk."""
 GREY, PALETTE = 0, 3
 COLOUR_TYPES = {0: "greyscale", 2: "RGB", 3: "palette", 4: "greyscale with alpha", 6: "RGB with alpha"}
-MAX_PIXELS = 1 << 28
-"""More pixels than any camera gives: the bound where no size is known beforehand."""
+MAX_PIXELS = 1 << 27
+"""The bound where no size is known beforehand; Pillow takes no more than 178 million pixels."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,8 @@ def read_image(data: bytes, member: str, shape: tuple[int, ...] | None = None) -
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a large picture is what was asked for
             with Image.open(io.BytesIO(_essential(data)), formats=["PNG"]) as image:
-                return np.asarray(image, np.uint8).copy()
+                labels: NDArray[np.uint8] = np.array(image, np.uint8)
+                return labels
     except (OSError, SyntaxError, ValueError) as error:
         raise Refused(Problem(Code.UNREADABLE, member, expected="an intact PNG file", found=str(error))) from error
 

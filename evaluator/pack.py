@@ -27,6 +27,7 @@ READABLE = (".png", ".label", ".npy", ".txt")
 """Extensions, in lower case, of the files that are taken."""
 
 _LISTED = 20
+_UNITS = {"image": "pixel", "cloud": "point"}
 _IHDR_END = 29
 _PNG_START = b"\x89PNG\r\n\x1a\n"
 _GREY, _PALETTE = 0, 3
@@ -168,11 +169,8 @@ def _read(path: Path, kind: str, valid: NDArray[np.bool_], encoding: str) -> byt
     if suffix == (".label" if kind == "image" else ".png"):
         wanted = ".png, .npy or .txt" if kind == "image" else ".label, .npy or .txt"
         raise PackError(f"the track takes {kind}s: give {wanted}")
-    if suffix == ".png":
-        _check_values(_from_png(data), valid, encoding)
-        return data
-    if suffix == ".label":
-        _check_values(_from_label(data), valid, encoding)
+    if suffix in {".png", ".label"}:
+        _check_values(_from_png(data) if suffix == ".png" else _from_label(data), valid, encoding)
         return data
     labels = _from_npy(data, kind) if suffix == ".npy" else _from_txt(data, kind)
     _check_values(labels, valid, encoding)
@@ -195,10 +193,10 @@ def _from_png(data: bytes) -> NDArray[np.uint8]:
         raise PackError(f"cannot be read as a PNG: {error}") from error
 
 
-def _from_label(data: bytes) -> NDArray[np.uint32]:
+def _from_label(data: bytes) -> NDArray[np.uint16]:
     if not data or len(data) % 4:
         raise PackError(f"has {len(data)} bytes; a .label has 4 bytes (little-endian uint32) per point")
-    return np.frombuffer(data, "<u4") & np.uint32(0xFFFF)
+    return np.frombuffer(data, "<u2")[::2]  # class in the low half of each point
 
 
 def _from_npy(data: bytes, kind: str) -> NDArray[Any]:
@@ -219,7 +217,7 @@ def _from_npy(data: bytes, kind: str) -> NDArray[Any]:
         labels = labels[:, 0]
     if labels.ndim != (2 if kind == "image" else 1) or not labels.size:
         expected = "(H, W)" if kind == "image" else "(N,)"
-        raise PackError(f"has shape {shape}, expected {expected}: one class index per {_unit(kind)}")
+        raise PackError(f"has shape {shape}, expected {expected}: one class index per {_UNITS[kind]}")
     return np.asarray(labels)
 
 
@@ -246,11 +244,7 @@ def _check_values(labels: NDArray[Any], valid: NDArray[np.bool_], encoding: str)
         found = zip(*(one.tolist() for one in np.unique(labels, return_counts=True)), strict=True)
         wrong = [(value, count) for value, count in found if not 0 <= value <= 255 or not valid[value]]
     if wrong:
-        unit = _unit("cloud" if labels.ndim == 1 else "image")
+        unit = _UNITS["cloud" if labels.ndim == 1 else "image"]
         listed = ", ".join(f"value {value} in {count} {unit}{'s' * (count > 1)}" for value, count in wrong[:3])
         more = f" and {len(wrong) - 3} other values" if len(wrong) > 3 else ""
         raise PackError(f"{listed}{more}; label encoding {encoding!r} lacks {'it' if len(wrong) == 1 else 'them'}")
-
-
-def _unit(kind: str) -> str:
-    return "pixel" if kind == "image" else "point"

@@ -1,0 +1,1 @@
+"""The evaluation service: accounts, uploads, the life cycle of submissions, and leaderboards."""

@@ -1,0 +1,1 @@
+"""The methods that submissions belong to."""

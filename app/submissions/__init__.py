@@ -1,0 +1,1 @@
+"""The life cycle of a submission, from its upload to its scores."""

@@ -1,0 +1,1 @@
+"""Tracks and the ground-truth releases that they are scored against."""
