@@ -66,9 +66,13 @@ class Encoding(_Part):
 
 
 class OfficialMean(_Part):
-    """A mean over more classes than ours, as an official script prints it."""
+    """A mean over more classes than ours, as an official script prints it.
+
+    `baselines` names the tracks whose paper rows that script made; the classes that it adds count 0 in those.
+    """
 
     name: Name
+    baselines: tuple[Name, ...] = ()
     add: tuple[Name, ...]
 
 

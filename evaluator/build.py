@@ -223,6 +223,7 @@ def _write_manifest(  # noqa: PLR0913 all of what was built
 ) -> Release:
     marker = data / "dataset.json"
     about = json.loads(marker.read_text("utf-8")) if marker.is_file() else {}
+    synthetic = bool(about.get("synthetic"))
     facts = {
         m: ModalityFacts(frames=tuple(frame for frame, _ in rows), train_shares=_shares(benchmark, counts[m]))
         for m, rows in packed.items()
@@ -242,7 +243,8 @@ def _write_manifest(  # noqa: PLR0913 all of what was built
         title=about.get("title", benchmark.title),
         groundtruth=digest,
         open=is_open,
-        comparable=is_comparable(benchmark, facts, synthetic=bool(about.get("synthetic"))),
+        synthetic=synthetic,
+        comparable=is_comparable(benchmark, facts, synthetic=synthetic),
         modalities=facts,
     )
     (work / RELEASE).write_text(release.model_dump_json(), "utf-8")

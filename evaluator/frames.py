@@ -44,6 +44,7 @@ class Facts(BaseModel):
 
     Attributes:
         groundtruth: the digest of the release that these are the facts of.
+        synthetic: whether its labels were made up, as the demo's are.
         comparable: whether its frames are the benchmark's own; scores on other data are not comparable with the paper.
     """
 
@@ -54,6 +55,7 @@ class Facts(BaseModel):
     title: str
     groundtruth: str
     open: bool
+    synthetic: bool = False
     comparable: bool
     modalities: dict[str, ModalityFacts]
 

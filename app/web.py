@@ -1,0 +1,160 @@
+"""What every route shares: the service at hand, errors as RFC 9457, pages, and headers that keep browsers safe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+from urllib.parse import urlsplit
+
+import structlog
+from fastapi import Depends, FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import HTMLResponse, JSONResponse
+from jinja2 import StrictUndefined
+from starlette.datastructures import MutableHeaders
+from starlette.exceptions import HTTPException
+from starlette.templating import Jinja2Templates
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from app.errors import Refusal
+from app.wiring import Wired
+
+log = structlog.get_logger()
+
+HERE = Path(__file__).parent
+API = "/api/"
+SECURITY = {
+    "Content-Security-Policy": (
+        "default-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'; object-src 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+}
+SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+
+
+def wired(request: Request) -> Wired:
+    """The service that answers this request."""
+    found: Wired = request.app.state.wired
+    return found
+
+
+Wiring = Annotated[Wired, Depends(wired)]
+
+
+def templates() -> Jinja2Templates:
+    """The pages; an undefined name in one is an error, not an empty string."""
+    made = Jinja2Templates(directory=HERE / "templates")
+    made.env.undefined = StrictUndefined
+    return made
+
+
+def problem(status: int, title: str, detail: str, code: str, errors: list[dict[str, Any]]) -> JSONResponse:
+    """An error as RFC 9457 describes it, with a stable `code` and, where there are single problems, `errors`."""
+    body = {"type": f"/errors/{code}", "title": title, "status": status, "detail": detail, "code": code}
+    if errors:
+        body["errors"] = errors
+    headers = {"WWW-Authenticate": "Bearer"} if status == 401 else None  # noqa: PLR2004 HTTP's number
+    return JSONResponse(body, status, headers, media_type="application/problem+json")
+
+
+Page = Callable[[Request, str, dict[str, Any], int], HTMLResponse]
+
+
+def render(request: Request, name: str, context: dict[str, Any], status: int = 200) -> HTMLResponse:
+    """A page inside the frame that every page has."""
+    page: Page = request.app.state.page
+    return page(request, name, context, status)
+
+
+def install(app: FastAPI) -> None:
+    """Give an application its error answers and its middleware."""
+
+    def answer(
+        request: Request, status: int, title: str, detail: str, code: str, errors: list[dict[str, Any]]
+    ) -> Response:
+        if request.url.path.startswith(API):
+            return problem(status, title, detail, code, errors)
+        context = {"status": status, "title": title, "detail": detail, "problems": errors}
+        return render(request, "error.html", context, status)
+
+    @app.exception_handler(Refusal)
+    def refused(request: Request, error: Refusal) -> Response:
+        return answer(request, error.status, error.title, error.detail, error.code, error.errors)
+
+    @app.exception_handler(RequestValidationError)
+    def not_valid(request: Request, error: RequestValidationError) -> Response:
+        wrong = [
+            {
+                "member": ".".join(str(part) for part in one["loc"][1:]) or None,
+                "code": str(one["type"]),
+                "expected": str(one["msg"]),
+                "found": None,
+                "hint": None,
+            }
+            for one in error.errors()
+        ]
+        said = "; ".join(f"{one['member']}: {one['expected']}" for one in wrong)
+        return answer(request, 422, "A field is missing or wrong", said, "invalid", wrong)
+
+    @app.exception_handler(HTTPException)
+    def http_error(request: Request, error: HTTPException) -> Response:
+        title = str(error.detail)
+        code = title.lower().replace(" ", "_")
+        made = answer(request, error.status_code, title, title, code, [])
+        for name, value in (error.headers or {}).items():
+            made.headers[name] = value
+        return made
+
+    @app.exception_handler(Exception)
+    def broken(request: Request, error: Exception) -> Response:
+        log.error("unexpected", path=request.url.path, exc_info=error)
+        title = "Our fault"
+        detail = "Something unexpected happened on our side; it was logged. Please try again."
+        return answer(request, 500, title, detail, "internal_error", [])
+
+    def forged(request: Request) -> Response:
+        return answer(request, 403, "Not allowed", "this request came from another site", "cross_site", [])
+
+    app.add_middleware(Guard, forged=forged)
+
+
+class Guard:
+    """Refuses what other sites make a browser send, and adds the headers that keep browsers safe.
+
+    It stands outside of everything and looks at headers only, so that uploads and event streams pass untouched.
+    """
+
+    def __init__(self, app: ASGIApp, forged: Callable[[Request], Response]) -> None:
+        """Wrap an application; `forged` makes the answer to what is refused."""
+        self._app, self._forged = app, forged
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def send_safely(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in SECURITY.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        request = Request(scope)
+        app: ASGIApp = self._forged(request) if _is_forged(request) else self._app
+        await app(scope, receive, send_safely)
+
+
+def _is_forged(request: Request) -> bool:
+    """Whether another site made a browser send this: requests with a bearer token need no such check."""
+    if request.method in SAFE_METHODS or "authorization" in request.headers:
+        return False
+    fetched = request.headers.get("sec-fetch-site")
+    if fetched is not None and fetched not in ("same-origin", "none"):
+        return True
+    origin = request.headers.get("origin")
+    return origin is not None and urlsplit(origin).netloc != request.headers.get("host")

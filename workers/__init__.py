@@ -1,0 +1,1 @@
+"""The Celery application: tasks of a few lines that call `app`."""

@@ -1,0 +1,63 @@
+"""The worker: `celery -A workers.celery worker`; its children score, its parent sweeps."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+from functools import lru_cache
+from typing import Any
+
+import structlog
+from celery import signals
+from celery.worker import state
+
+from app.queue import make_celery
+from app.settings import Settings
+from app.submissions.sweeper import sweep
+from app.wiring import Wired, wire
+
+log = structlog.get_logger()
+
+celery = make_celery(Settings())
+celery.conf.update(include=["workers.tasks"])
+
+draining = multiprocessing.get_context("fork").Event()
+"""Set in the parent when it is asked to stop; its children look at it between two chunks."""
+
+
+@lru_cache(maxsize=1)
+def _wired_of(_pid: int) -> Wired:
+    return wire()
+
+
+def wired() -> Wired:
+    """This process's own service: a database connection must not cross a fork."""
+    return _wired_of(os.getpid())
+
+
+@signals.worker_shutting_down.connect
+def drain(**_: Any) -> None:  # noqa: ANN401 Celery's signal
+    """Ask the children to give back what they work on."""
+    draining.set()
+
+
+@signals.worker_ready.connect
+def start_sweeping(**_: Any) -> None:  # noqa: ANN401 Celery's signal
+    """Sweep in a thread of the parent for as long as it lives."""
+    threading.Thread(target=_sweep_for_ever, name="sweeper", daemon=True).start()
+
+
+def _sweep_for_ever() -> None:
+    service = wire(pooled=False)
+    idle_rounds = 0
+    while not draining.wait(service.settings.sweep_seconds):
+        try:
+            overdue = sweep(service)
+        except Exception:
+            log.exception("sweep failed")  # the next round tries again: this thread must not die
+            continue
+        idle_rounds = idle_rounds + 1 if overdue and not state.active_requests else 0
+        if idle_rounds * service.settings.sweep_seconds >= service.settings.deaf_seconds:
+            log.error("work waits and this worker hears nothing: leaving, to be started again")
+            os._exit(1)
