@@ -80,7 +80,7 @@ def serve(  # noqa: PLR0913 each is an option
     *,
     demo: bool,
 ) -> None:
-    """Run web, worker and broker on this machine until Ctrl-C. Everything runs as one user: no boundary between them."""
+    """Run web, worker and broker on this machine until Ctrl-C; they run as one user, with no boundary between them."""
     environment = {
         "WILDSCENES_HOME": str(home.resolve()),
         "WILDSCENES_BASE_URL": base_url or f"http://{host}:{port}",

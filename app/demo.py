@@ -6,6 +6,7 @@ import hashlib
 import os
 import shlex
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 from app.accounts.models import Role, Scope
@@ -39,9 +40,7 @@ def prepare(wired: Wired, folder: Path) -> str:
         with tempfile.TemporaryDirectory(dir=folder) as work:
             write_demo(Path(work) / "data", benchmark=benchmark)
             build(Path(work) / "data", Path(work) / "data" / "splits", Path(work) / "packed", benchmark)
-            import_release(
-                wired.db, wired.settings.releases, Path(work) / "packed", benchmark, now=wired.now()
-            )
+            import_release(wired.db, wired.settings.releases, Path(work) / "packed", benchmark, now=wired.now())
     token = _token(wired, folder)
     for track_id in SAMPLES:
         if not sample(folder, track_id).is_file():
@@ -69,10 +68,8 @@ def _token(wired: Wired, folder: Path) -> str:
     kept = folder / "token"
     if kept.is_file():
         return kept.read_text("utf-8").strip()
-    try:
+    with suppress(Conflict):  # the demo was begun before and cut short
         create_person(wired.db, email=EMAIL, role=Role.MEMBER, name="Demo team", now=wired.now())
-    except Conflict:
-        pass  # the demo was begun before and cut short
     token = create_token(wired.db, email=EMAIL, scope=Scope.SUBMIT, name="demo", now=wired.now())
     folder.mkdir(parents=True, exist_ok=True)
     with os.fdopen(os.open(kept, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w") as file:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 
-class Refusal(Exception):  # noqa: N818 a refusal is an answer, not a fault
+class Refusal(Exception):
     """A request that cannot be served, for a reason that its sender should read.
 
     Attributes:
@@ -68,3 +68,9 @@ class Invalid(Refusal):
     """A field is missing or wrong."""
 
     status, code, title = 422, "invalid", "A field is missing or wrong"
+
+
+class Broken(Refusal):
+    """Something that we did not expect."""
+
+    status, code, title = 500, "internal_error", "Our fault"

@@ -25,7 +25,7 @@ log = structlog.get_logger()
 PR_SET_PDEATHSIG = 1
 LONGEST_SOCKET = 100
 """A unix socket's path has at most about 107 bytes."""
-TERM_SECONDS = 20.0
+START_SECONDS, TERM_SECONDS = 60.0, 20.0
 SOONEST_RESTART = 1.0
 
 
@@ -114,16 +114,13 @@ class Supervisor:
         """
         if not _is_free(self._host, self._port):
             raise StartError(f"port {self._port} is taken; choose another with --port (or PORT=… make run)")
-        for child in self._children:
-            child.start()
-        deadline = time.monotonic() + 60
-        while not _answers(self._host, self._port):
-            dead = [child for child in self._children if not child.alive]
-            if dead or time.monotonic() > deadline:
-                name = dead[0].name if dead else "web"
-                self.stop()
-                raise StartError(f"the {name} did not start; its log is {self._home / 'logs' / name}.log")
-            time.sleep(0.05)
+        try:
+            for child in self._children:
+                child.start()
+            self._wait_for_web()
+        except BaseException:
+            self.stop()
+            raise
 
     def watch(self, *, until: Callable[[], bool] = lambda: False) -> None:
         """Start dead children again until this process is asked to stop."""
@@ -143,6 +140,15 @@ class Supervisor:
             child.stop()
         if self._sockets != self._home.resolve():
             shutil.rmtree(self._sockets, ignore_errors=True)
+
+    def _wait_for_web(self) -> None:
+        deadline = time.monotonic() + START_SECONDS
+        while not _answers(self._host, self._port):
+            dead = [child for child in self._children if not child.alive]
+            if dead or time.monotonic() > deadline:
+                name = dead[0].name if dead else "web"
+                raise StartError(f"the {name} did not start; its log is {self._home / 'logs' / name}.log")
+            time.sleep(0.05)
 
     def _ask_to_stop(self, *_: object) -> None:
         self._stopping = True

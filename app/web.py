@@ -17,7 +17,7 @@ from starlette.exceptions import HTTPException
 from starlette.templating import Jinja2Templates
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.errors import Refusal
+from app.errors import Broken, Forbidden, Invalid, Refusal, Unauthenticated
 from app.wiring import Wired
 
 log = structlog.get_logger()
@@ -51,13 +51,19 @@ def templates() -> Jinja2Templates:
     return made
 
 
-def problem(status: int, title: str, detail: str, code: str, errors: list[dict[str, Any]]) -> JSONResponse:
+def problem(refusal: Refusal) -> JSONResponse:
     """An error as RFC 9457 describes it, with a stable `code` and, where there are single problems, `errors`."""
-    body = {"type": f"/errors/{code}", "title": title, "status": status, "detail": detail, "code": code}
-    if errors:
-        body["errors"] = errors
-    headers = {"WWW-Authenticate": "Bearer"} if status == 401 else None  # noqa: PLR2004 HTTP's number
-    return JSONResponse(body, status, headers, media_type="application/problem+json")
+    body = {
+        "type": f"/errors/{refusal.code}",
+        "title": refusal.title,
+        "status": refusal.status,
+        "detail": refusal.detail,
+        "code": refusal.code,
+    }
+    if refusal.errors:
+        body["errors"] = refusal.errors
+    headers = {"WWW-Authenticate": "Bearer"} if isinstance(refusal, Unauthenticated) else None
+    return JSONResponse(body, refusal.status, headers, media_type="application/problem+json")
 
 
 Page = Callable[[Request, str, dict[str, Any], int], HTMLResponse]
@@ -72,17 +78,20 @@ def render(request: Request, name: str, context: dict[str, Any], status: int = 2
 def install(app: FastAPI) -> None:
     """Give an application its error answers and its middleware."""
 
-    def answer(
-        request: Request, status: int, title: str, detail: str, code: str, errors: list[dict[str, Any]]
-    ) -> Response:
+    def answer(request: Request, refusal: Refusal) -> Response:
         if request.url.path.startswith(API):
-            return problem(status, title, detail, code, errors)
-        context = {"status": status, "title": title, "detail": detail, "problems": errors}
-        return render(request, "error.html", context, status)
+            return problem(refusal)
+        context = {
+            "status": refusal.status,
+            "title": refusal.title,
+            "detail": refusal.detail,
+            "problems": refusal.errors,
+        }
+        return render(request, "error.html", context, refusal.status)
 
     @app.exception_handler(Refusal)
     def refused(request: Request, error: Refusal) -> Response:
-        return answer(request, error.status, error.title, error.detail, error.code, error.errors)
+        return answer(request, error)
 
     @app.exception_handler(RequestValidationError)
     def not_valid(request: Request, error: RequestValidationError) -> Response:
@@ -97,13 +106,13 @@ def install(app: FastAPI) -> None:
             for one in error.errors()
         ]
         said = "; ".join(f"{one['member']}: {one['expected']}" for one in wrong)
-        return answer(request, 422, "A field is missing or wrong", said, "invalid", wrong)
+        return answer(request, Invalid(said, errors=wrong))
 
     @app.exception_handler(HTTPException)
     def http_error(request: Request, error: HTTPException) -> Response:
-        title = str(error.detail)
-        code = title.lower().replace(" ", "_")
-        made = answer(request, error.status_code, title, title, code, [])
+        refusal = Refusal(str(error.detail), code=str(error.detail).lower().replace(" ", "_"))
+        refusal.status, refusal.title = error.status_code, str(error.detail)
+        made = answer(request, refusal)
         for name, value in (error.headers or {}).items():
             made.headers[name] = value
         return made
@@ -111,12 +120,10 @@ def install(app: FastAPI) -> None:
     @app.exception_handler(Exception)
     def broken(request: Request, error: Exception) -> Response:
         log.error("unexpected", path=request.url.path, exc_info=error)
-        title = "Our fault"
-        detail = "Something unexpected happened on our side; it was logged. Please try again."
-        return answer(request, 500, title, detail, "internal_error", [])
+        return answer(request, Broken("Something unexpected happened on our side; it was logged. Please try again."))
 
     def forged(request: Request) -> Response:
-        return answer(request, 403, "Not allowed", "this request came from another site", "cross_site", [])
+        return answer(request, Forbidden("this request came from another site", code="cross_site"))
 
     app.add_middleware(Guard, forged=forged)
 

@@ -9,8 +9,12 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 from evaluator.errors import Code, Problem, Refused
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 JUNK = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})
 _BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
@@ -95,7 +99,7 @@ class Archive:
         except _DAMAGED:
             return b""
 
-    def __enter__(self) -> Archive:
+    def __enter__(self) -> Self:
         """Itself."""
         return self
 

@@ -59,7 +59,7 @@ class SemanticClass(_Part):
 
 
 class Encoding(_Part):
-    """A label encoding: the class that each index of a file stands for, "unlabelled", or "" where it has no such index."""
+    """A label encoding: the class of each index in a file, "unlabelled", or "" where there is no such index."""
 
     title: str
     values: tuple[str, ...] = Field(max_length=INVALID)
@@ -281,7 +281,11 @@ class Benchmark(_Part):
             ),
             *(f"track {t.id}: modality {t.modality}" for t in self.tracks if t.modality not in self.modalities),
             *(f"track {t.id}: protocol {t.protocol}" for t in self.tracks if t.protocol not in protocols),
-            *(f"baseline {b.title}: track {b.track}" for b in self.baselines if b.track not in {t.id for t in self.tracks}),
+            *(
+                f"baseline {b.title}: track {b.track}"
+                for b in self.baselines
+                if b.track not in {t.id for t in self.tracks}
+            ),
             *(f"baseline {b.title}: class {name}" for b in self.baselines for name in b.iou if name not in known),
         ]
         if len({t.id for t in self.tracks}) != len(self.tracks):

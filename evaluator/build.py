@@ -23,6 +23,8 @@ from evaluator.groundtruth import FACTS, RELEASE, PackedFrame, Release, encode_r
 from evaluator.labels import read_cloud, read_image
 
 SPLITS = ("train", "val", "test")
+SHOWN = 5
+"""Files that an error lists."""
 Progress = Callable[[int, int], None]
 
 
@@ -156,8 +158,8 @@ def _present(data: Path, rows: list[Listed]) -> list[Listed]:
     if missing and {row.name for row in missing} == {row.name for row in train}:
         return [row for row in rows if row.split != "train"]
     if missing:
-        shown = ", ".join(str(row.path) for row in missing[:5])
-        raise GroundTruthError(f"{len(missing)} label files are missing below {data}: {shown}{' …' * (len(missing) > 5)}")  # noqa: PLR2004 five are listed
+        shown = ", ".join([*(str(row.path) for row in missing[:SHOWN]), *(["…"] if len(missing) > SHOWN else [])])
+        raise GroundTruthError(f"{len(missing)} label files are missing below {data}: {shown}")
     return rows
 
 
@@ -252,9 +254,7 @@ def _write_manifest(  # noqa: PLR0913 all of what was built
     return release
 
 
-def _shares(
-    benchmark: Benchmark, counts: dict[tuple[str, str], NDArray[np.int64]]
-) -> dict[str, float] | None:
+def _shares(benchmark: Benchmark, counts: dict[tuple[str, str], NDArray[np.int64]]) -> dict[str, float] | None:
     train = [n for (split, _), n in counts.items() if split == "train"]
     totals = np.sum(train, axis=0)[: benchmark.k] if train else np.zeros(benchmark.k)
     if not totals.sum():

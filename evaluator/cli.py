@@ -130,9 +130,7 @@ def build_groundtruth(  # noqa: PLR0913 each is an option
 ) -> None:
     """Pack the labels of a data set, and write its public facts beside them."""
     with watched("packing") as progress:
-        release = build(
-            data, splits, out, benchmark, is_open=is_open, allow_absent=allow_absent, progress=progress
-        )
+        release = build(data, splits, out, benchmark, is_open=is_open, allow_absent=allow_absent, progress=progress)
     for modality, totals in release.totals.items():
         click.echo(f"{modality}: {len(release.modalities[modality])} frames")
         for name, count in totals.items():
@@ -148,7 +146,7 @@ def verify_groundtruth(folder: Path, benchmark: Benchmark) -> None:
     """Unpack every frame and compare its digest."""
     truth = GroundTruth(folder, benchmark)
     wrong = truth.verify()
-    for sentence in wrong[: LISTED]:
+    for sentence in wrong[:LISTED]:
         click.echo(sentence)
     if wrong:
         sys.exit(REFUSED)
@@ -248,7 +246,7 @@ def pack_folder(folder: Path, track_id: str, out: Path, encoding: str, benchmark
     """Make a submission from a folder of PNG, .label, .npy or .txt files."""
     with watched("packing") as progress:
         packed = pack(folder, benchmark.track(track_id), out, encoding=encoding, benchmark=benchmark, progress=progress)
-    for name in packed.skipped[: LISTED]:
+    for name in packed.skipped[:LISTED]:
         click.echo(f"skipped {name}", err=True)
     click.echo(f"{out}: {packed.members} members")
 

@@ -98,9 +98,7 @@ def plan(archive: Archive, frames: Sequence[Frame] | None, task: Task) -> Matche
     return match(archive.members, frames, task.track, task.benchmark)
 
 
-def score_chunk(
-    archive: Archive, pairs: Sequence[Pair], task: Task, truth: Truth | None = None
-) -> Chunk:
+def score_chunk(archive: Archive, pairs: Sequence[Pair], task: Task, truth: Truth | None = None) -> Chunk:
     """Read some members and count them against the truth, or only check them when there is none."""
     columns, k = task.benchmark.columns(task.encoding), task.benchmark.k
     names, matrices, problems = [], [], []
@@ -152,7 +150,9 @@ def conclude(matched: Matched, chunks: Sequence[Chunk], task: Task) -> Outcome:
     k = task.benchmark.k
     return Outcome(
         frames=tuple(name for chunk in chunks for name in chunk.frames),
-        confusion=np.concatenate([chunk.confusion for chunk in chunks]) if chunks else np.zeros((0, k, k + 1), np.int64),
+        confusion=np.concatenate([chunk.confusion for chunk in chunks])
+        if chunks
+        else np.zeros((0, k, k + 1), np.int64),
         problems=mistakes.explain(found, seen, task.track, task.encoding, task.benchmark),
         warnings=(*odd, *matched.warnings),
     )

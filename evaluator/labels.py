@@ -159,7 +159,7 @@ def _walk(data: bytes) -> tuple[Header, list[memoryview]]:
     header, pixels, ended = None, [], False
     for kind, start, end in _chunks(data):
         if header is None:
-            if kind != b"IHDR" or end - start != 13:
+            if kind != b"IHDR" or end - start != HEADER_BYTES - 20:
                 raise _DamagedError("it does not begin with a header")
             header = _header(data, start)
             if not header.width or not header.height or data[start + 10] or data[start + 11]:
@@ -206,7 +206,9 @@ def _check_header(header: Header, member: str, shape: tuple[int, ...] | None) ->
         wanted = f"{shape[1]}x{shape[0]} (width x height)"
         raise Refused(Problem(Code.WRONG_SIZE, member, wanted, f"{header.width}x{header.height}", hint))
     if shape is None and header.width * header.height > MAX_PIXELS:
-        raise Refused(Problem(Code.WRONG_SIZE, member, f"at most {MAX_PIXELS} pixels", f"{header.width}x{header.height}"))
+        raise Refused(
+            Problem(Code.WRONG_SIZE, member, f"at most {MAX_PIXELS} pixels", f"{header.width}x{header.height}")
+        )
 
 
 def _check_amount(pixels: list[memoryview], header: Header) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from PIL import Image
 
-from evaluator.benchmark import INVALID
+from evaluator.benchmark import INVALID, UNLABELLED
 from evaluator.errors import WildScenesError
 
 if TYPE_CHECKING:
@@ -27,6 +27,9 @@ READABLE = (".png", ".label", ".npy", ".txt")
 """Extensions, in lower case, of the files that are taken."""
 
 _LISTED = 20
+LISTED = 3
+"""Values that an error lists."""
+
 _UNITS = {"image": "pixel", "cloud": "point"}
 _IHDR_END = 29
 _PNG_START = b"\x89PNG\r\n\x1a\n"
@@ -101,8 +104,9 @@ def pack(  # noqa: PLR0913 - three things and three choices, the choices by name
                     data = _read(path, track.modality.kind, valid, encoding)
                 except PackError as error:
                     problems.append(f"{path.relative_to(folder).as_posix()}: {error}")
-                if not problems:
-                    add_member(archive, member, data)
+                else:
+                    if not problems:
+                        add_member(archive, member, data)
                 if progress:
                     progress(done, len(members))
         if problems:
@@ -237,14 +241,14 @@ def _from_txt(data: bytes, kind: str) -> NDArray[np.int64]:
 
 def _check_values(labels: NDArray[Any], valid: NDArray[np.bool_], encoding: str) -> None:
     """Refuse values that the encoding lacks."""
-    if labels.min() >= 0 and labels.max() <= 255:
+    if labels.min() >= 0 and labels.max() <= UNLABELLED:
         counts = np.bincount(labels.astype(np.uint8).ravel(), minlength=256)
         wrong = [(value, int(counts[value])) for value in np.flatnonzero((counts > 0) & ~valid).tolist()]
     else:
         found = zip(*(one.tolist() for one in np.unique(labels, return_counts=True)), strict=True)
-        wrong = [(value, count) for value, count in found if not 0 <= value <= 255 or not valid[value]]
+        wrong = [(value, count) for value, count in found if not 0 <= value <= UNLABELLED or not valid[value]]
     if wrong:
         unit = _UNITS["cloud" if labels.ndim == 1 else "image"]
-        listed = ", ".join(f"value {value} in {count} {unit}{'s' * (count > 1)}" for value, count in wrong[:3])
-        more = f" and {len(wrong) - 3} other values" if len(wrong) > 3 else ""
+        listed = ", ".join(f"value {value} in {count} {unit}{'s' * (count > 1)}" for value, count in wrong[:LISTED])
+        more = f" and {len(wrong) - LISTED} other values" if len(wrong) > LISTED else ""
         raise PackError(f"{listed}{more}; label encoding {encoding!r} lacks {'it' if len(wrong) == 1 else 'them'}")

@@ -15,7 +15,9 @@ from evaluator.evaluate import LISTED, Outcome
 from evaluator.metrics import ClassScore, decimal, mean, score
 
 
-def results(confusion: NDArray[np.int64], track: Track, benchmark: Benchmark, *, digest: str, frames: int) -> dict[str, Any]:
+def results(
+    confusion: NDArray[np.int64], track: Track, benchmark: Benchmark, *, digest: str, frames: int
+) -> dict[str, Any]:
     """Every figure of a track at full precision, as JSON.
 
     Args:
@@ -64,7 +66,10 @@ def table(said: dict[str, Any]) -> str:
     """The results as a table in percent, for a terminal."""
     means = [key for key in said if key.startswith(("miou", "accuracy", "mean_", "fw_"))]
     rows = [("class", "IoU", "precision", "recall", "F1")]
-    rows += [(name, *(_percent(one[key]) for key in ("iou", "precision", "recall", "f1"))) for name, one in said["classes"].items()]
+    rows += [
+        (name, *(_percent(one[key]) for key in ("iou", "precision", "recall", "f1")))
+        for name, one in said["classes"].items()
+    ]
     lines = [f"{row[0]:<16}" + "".join(f"{cell:>11}" for cell in row[1:]) for row in rows]
     lines += ["", *(f"{key:<16}{_percent(said[key]):>11}" for key in means)]
     return "\n".join(lines)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from alembic import context
 from sqlalchemy import create_engine
@@ -18,7 +18,7 @@ from app.settings import Settings
 TABLES = (app.accounts.models, app.methods.models, app.submissions.models, app.tracks.models)
 
 
-def render_item(kind: str, item: Any, _context: Any) -> str | bool:  # noqa: ANN401 Alembic's hook
+def render_item(kind: str, item: Any, _context: Any) -> str | Literal[False]:  # noqa: ANN401 Alembic's hook
     """Write our own column type by its name."""
     return "UtcDateTime()" if kind == "type" and isinstance(item, UtcDateTime) else False
 

@@ -106,9 +106,7 @@ def sign_in(db: Database, *, token: str, now: datetime) -> str:
     cookie = secrets.token_urlsafe(32)
     with db.begin() as session:
         held = session.scalars(select(Token).where(Token.digest == _digest(token))).one()
-        session.add(
-            WebSession(token_id=held.id, digest=_digest(cookie), created_at=now, expires_at=now + SESSION_TIME)
-        )
+        session.add(WebSession(token_id=held.id, digest=_digest(cookie), created_at=now, expires_at=now + SESSION_TIME))
     return cookie
 
 

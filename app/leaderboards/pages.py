@@ -27,10 +27,11 @@ def home(request: Request, wired: Wiring) -> Response:
     context = {
         "tracks": [_card(board) for board in boards],
         "shell": [
-            f"wildscenes pack predictions/ --track {first} -o predictions.zip",
-            f"wildscenes validate predictions.zip --track {first}",
-            f'curl -H "Authorization: Bearer $TOKEN" -F track={first} -F method="My method" \\',
-            f"     -F file=@predictions.zip {wired.settings.base_url.rstrip('/')}/api/v1/submissions",
+            f"wildscenes pack predictions/ --track {first} -o my.zip",
+            f"wildscenes validate my.zip --track {first}",
+            'curl -H "Authorization: Bearer $TOKEN" \\',
+            f'  -F track={first} -F method="My method" \\',
+            f"  -F file=@my.zip {wired.settings.base_url.rstrip('/')}/api/v1/submissions",
         ],
     }
     return render(request, "home.html", context)

@@ -19,7 +19,7 @@ from app.submissions.models import Evaluation, Submission, SubmissionEvent
 from app.wiring import Wired
 
 
-class LostClaim(Exception):  # noqa: N818 it is no error: somebody else works on it now
+class LostClaim(Exception):
     """The lease ran out and another worker has claimed the evaluation."""
 
 

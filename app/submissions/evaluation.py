@@ -21,8 +21,8 @@ from app.submissions.models import Chunk, Evaluation, Score, Submission
 from app.wiring import Wired
 from evaluator import __version__
 from evaluator.errors import Problem, Refused
-from evaluator.evaluate import Chunk as Counted
 from evaluator.evaluate import LISTED, Outcome, Task, conclude, in_parts, open_archive, plan, refusal, score_parts
+from evaluator.evaluate import Chunk as Counted
 from evaluator.groundtruth import GroundTruth
 from evaluator.matching import Matched
 from evaluator.report import results
@@ -149,7 +149,7 @@ def _store_score(session: Session, held: Claim, outcome: Outcome, task: Task) ->
     session.add(Score(evaluation_id=held.evaluation_id, miou=said["miou"], results=said))
 
 
-def _chunks_of(evaluation_id: UUID) -> Select[tuple[Chunk]]:
+def _chunks_of(evaluation_id: UUID) -> Select[Chunk]:
     return select(Chunk).where(Chunk.evaluation_id == evaluation_id).order_by(Chunk.start)
 
 

@@ -47,13 +47,13 @@ MOVES: dict[State, frozenset[State]] = {
 FINAL = frozenset({State.SCORED, State.REJECTED, State.FAILED, State.CANCELLED})
 
 SAID: dict[State, str] = {
-    State.RECEIVING: "The upload is on its way.",
-    State.QUEUED: "Waiting for a worker.",
-    State.RUNNING: "Being scored.",
-    State.SCORED: "Scored.",
-    State.REJECTED: "Refused: see what is wrong below. It does not count as an attempt.",
-    State.FAILED: "Our fault: scoring failed. The maintainers are told; you need not do anything.",
-    State.CANCELLED: "The upload broke off. Nothing was counted; send it again.",
+    State.RECEIVING: "The upload is on its way",
+    State.QUEUED: "Waiting for a worker",
+    State.RUNNING: "Being scored",
+    State.SCORED: "Scored",
+    State.REJECTED: "Refused; it does not count as an attempt",
+    State.FAILED: "Our fault: scoring failed, and the file is kept",
+    State.CANCELLED: "The upload broke off; send it again",
 }
 
 MAX_FRUITLESS = 3

@@ -37,7 +37,7 @@ def shown_size(size: int | None) -> str:
 
 
 @router.get("/submit")
-def form(request: Request, who: Viewer, wired: Wiring, track: str = "", method: str = "") -> Response:
+def form(request: Request, wired: Wiring, track: str = "", method: str = "") -> Response:
     """The submission form."""
     selected = {"track": track, "method": method, "labels": DEFAULT_ENCODING, "visibility": "private"}
     return render(request, "submit.html", _form(wired, selected))
@@ -49,8 +49,9 @@ async def submit(request: Request, who: Submitter, wired: Wiring) -> Response:
     try:
         submission_id, _ = await receive(request, wired, who=who)
     except Refusal as refusal:
+        status = refusal.status
         context = _form(wired, {"track": "", "method": "", "labels": "", "visibility": "private"}, refusal)
-        return await to_thread.run_sync(lambda: render(request, "submit.html", context, refusal.status))
+        return await to_thread.run_sync(lambda: render(request, "submit.html", context, status))
     return RedirectResponse(f"/submissions/{submission_id}", 303)
 
 
@@ -88,7 +89,8 @@ def show(request: Request, submission_id: UUID, who: Viewer, wired: Wiring) -> R
         and submission.state is State.SCORED
         and submission.visibility is Visibility.PRIVATE,
         "events": [
-            {"at": shown_time(one.at), "state": one.after.value, "reason": one.reason} for one in reading.events
+            {"at": f"{one.at:%Y-%m-%d %H:%M:%S}", "state": one.after.value, "reason": one.reason}
+            for one in reading.events
         ],
     }
     return render(request, "submission.html", context)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import datetime, timedelta
+from datetime import timedelta
 from uuid import UUID, uuid4
 
 from sqlalchemy import func, or_, select, update
@@ -176,12 +176,10 @@ def read(wired: Wired, submission_id: UUID, *, who: Identity | None) -> Reading:
             .order_by(Evaluation.created_at.desc())
         ).first()
         events = session.scalars(
-            select(SubmissionEvent)
-            .where(SubmissionEvent.submission_id == submission_id)
-            .order_by(SubmissionEvent.id)
+            select(SubmissionEvent).where(SubmissionEvent.submission_id == submission_id).order_by(SubmissionEvent.id)
         ).all()
         attempt = _attempt(session, submission)
-    evaluation, score = found if found else (None, None)
+    evaluation, score = found or (None, None)
     mine = who is not None and who.team_id == submission.team_id
     return Reading(submission, evaluation, score, list(events), attempt, mine)
 

@@ -29,7 +29,9 @@ def _resend(wired: Wired) -> int:
     waiting = or_(Evaluation.state == Stage.QUEUED, silent)
     due = and_(waiting, or_(Evaluation.sent_at.is_(None), Evaluation.sent_at < stale))
     with wired.db.read() as session:
-        candidates = session.scalars(select(Evaluation.id).where(due).order_by(Evaluation.created_at).limit(BATCH)).all()
+        candidates = session.scalars(
+            select(Evaluation.id).where(due).order_by(Evaluation.created_at).limit(BATCH)
+        ).all()
         deaf = now - timedelta(seconds=wired.settings.deaf_seconds)
         overdue = session.scalars(select(Evaluation.id).where(waiting, Evaluation.created_at < deaf).limit(BATCH)).all()
     for evaluation_id in candidates:
@@ -45,9 +47,7 @@ def _fail_hopeless(wired: Wired) -> None:
     now = wired.now()
     hopeless = and_(
         Evaluation.fruitless >= MAX_FRUITLESS,
-        or_(
-            Evaluation.state == Stage.QUEUED, and_(Evaluation.state == Stage.RUNNING, Evaluation.lease_until < now)
-        ),
+        or_(Evaluation.state == Stage.QUEUED, and_(Evaluation.state == Stage.RUNNING, Evaluation.lease_until < now)),
     )
     with wired.db.begin() as session:
         for evaluation_id in session.scalars(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from fastapi import Request
 from python_multipart.exceptions import FormParserError
-from python_multipart.multipart import MultipartParser, parse_options_header
+from python_multipart.multipart import MultipartCallbacks, MultipartParser, parse_options_header
 
 from app.errors import Invalid, Refusal, TooLarge, UnsupportedMedia
 
@@ -92,7 +92,7 @@ class _Collector:
         self._name, self._is_file, self._fields = "", False, 0
         self._text = bytearray()
 
-    def callbacks(self) -> dict[str, object]:
+    def callbacks(self) -> MultipartCallbacks:
         return {
             "on_part_begin": self._begin,
             "on_header_field": lambda data, start, end: self._header.extend(data[start:end]),

@@ -57,9 +57,10 @@ class Client:
     def _ask(self, method: str, url: str, **content: Any) -> dict[str, Any]:  # noqa: ANN401 what httpx2 takes
         try:
             response = self._http.request(method, url, **content)
-            said: Any = response.json()
         except httpx2.HTTPError as error:
-            raise ServerError(f"{self._http.base_url}: {error or type(error).__name__}") from error
+            raise ServerError(f"{self._http.base_url}: {str(error) or type(error).__name__}") from error
+        try:
+            said: Any = response.json()
         except ValueError as error:
             raise ServerError(f"{self._http.base_url} is no evaluation server: {response.status_code}") from error
         if response.is_error:
