@@ -151,6 +151,14 @@ def create_token(email: str, scope: str, home: Path) -> None:
     click.echo(make_token(wired.db, email=email, scope=Scope(scope), now=wired.now()))
 
 
+@admin.command("import-groundtruth")
+@click.argument("folder", type=click.Path(exists=True, file_okay=False, path_type=Path))
+@home_option
+def import_groundtruth(folder: Path, home: Path) -> None:
+    """Verify a packed release, keep a copy of it, and score against it from now on."""
+    _use(opened(home), folder)
+
+
 @admin.command("list")
 @click.option("--state", type=click.Choice([one.value for one in State]), help="Only those in this state.")
 @home_option

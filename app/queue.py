@@ -56,7 +56,7 @@ class Queue:
         self._celery = make_celery(settings)
         self._celery.conf.update(
             broker_connection_timeout=1,
-            broker_transport_options={"socket_timeout": 1, "socket_connect_timeout": 1},
+            broker_transport_options={"socket_timeout": 1, "socket_connect_timeout": 1, "max_retries": 0},
         )
 
     def send(self, evaluation_id: UUID) -> bool:

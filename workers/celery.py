@@ -12,7 +12,7 @@ import structlog
 from celery import signals
 from celery.worker import state
 
-from app.queue import make_celery
+from app.queue import SCORING, make_celery
 from app.settings import Settings
 from app.submissions.sweeper import sweep
 from app.wiring import Wired, wire
@@ -44,7 +44,9 @@ def drain(**_: Any) -> None:  # noqa: ANN401 Celery's signal
 
 @signals.worker_ready.connect
 def start_sweeping(**_: Any) -> None:  # noqa: ANN401 Celery's signal
-    """Sweep in a thread of the parent for as long as it lives."""
+    """Sweep in a thread of the parent for as long as it lives, where this worker scores."""
+    if SCORING not in celery.amqp.queues.consume_from:
+        return
     threading.Thread(target=_sweep_for_ever, name="sweeper", daemon=True).start()
 
 

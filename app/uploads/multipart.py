@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from fastapi import Request
 from python_multipart.exceptions import FormParserError
-from python_multipart.multipart import MultipartCallbacks, MultipartParser, parse_options_header
+from python_multipart.multipart import MultipartParser, parse_options_header
 
 from app.errors import Invalid, Refusal, TooLarge, UnsupportedMedia
+
+if TYPE_CHECKING:
+    from python_multipart.multipart import MultipartCallbacks  # it exists for type checkers only
 
 MAX_FIELD, MAX_FIELDS, FORM_OVERHEAD = 10_000, 30, 100_000
 
@@ -56,7 +60,7 @@ async def parts(request: Request, *, max_bytes: int) -> AsyncIterator[Part]:
     if kind != b"multipart/form-data" or not options.get(b"boundary"):
         raise UnsupportedMedia("send a multipart form, as `curl -F` does", code="not_multipart")
     told = request.headers.get("content-length", "")
-    if told.isdigit() and int(told) > max_bytes + FORM_OVERHEAD:
+    if told.isdecimal() and int(told) > max_bytes + FORM_OVERHEAD:
         raise too_large(max_bytes)
     try:
         collector = _Collector()

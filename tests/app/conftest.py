@@ -1,0 +1,88 @@
+"""A service on a real database, with ground truth, for every test that asks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import pytest
+from starlette.testclient import TestClient
+
+from app.main import make_app
+from app.settings import Settings
+from app.tracks.service import import_release
+from app.wiring import wire
+from tests.app.world import Clock, Predictions, World
+
+NOBODY_LISTENS = "redis+socket:///nonexistent/broker.sock"
+
+
+class Demo(Protocol):
+    """What the fixture `demo` gives."""
+
+    data: Path
+    splits: Path
+    groundtruth: Path
+
+
+@pytest.fixture(scope="session")
+def predictions(demo: Demo, tmp_path_factory: pytest.TempPathFactory) -> Predictions:
+    return Predictions(demo.groundtruth, tmp_path_factory.mktemp("predictions"))
+
+
+@pytest.fixture
+def make_world(tmp_path: Path, demo: Demo, predictions: Predictions) -> Iterator[Callable[..., World]]:
+    """Makes a service on a database; further settings by name."""
+    made: list[World] = []
+
+    def make(database_url: str, *, release: Path | None = demo.groundtruth, **settings: Any) -> World:
+        chosen = {"broker_url": NOBODY_LISTENS, "base_url": "http://testserver", **settings}
+        clock = Clock()
+        home = tmp_path / f"home-{len(made)}"
+        home.mkdir()
+        wired = replace(wire(Settings(home=home, database_url=database_url, **chosen)), now=clock)
+        made.append(World(wired, clock, predictions))
+        if release:
+            [benchmark] = wired.benchmarks.values()
+            import_release(wired.db, wired.settings.releases, release, benchmark, now=clock())
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.wired.db.dispose()
+
+
+@pytest.fixture
+def world(make_world: Callable[..., World], database_url: str) -> World:
+    """A service with ground truth, once on each kind of database; nobody listens to its queue."""
+    return make_world(database_url)
+
+
+@pytest.fixture
+def small_world(make_world: Callable[..., World], sqlite_url: str) -> World:
+    """A service with ground truth on SQLite, for what does not depend on the database."""
+    return make_world(sqlite_url)
+
+
+@pytest.fixture
+def open_client() -> Iterator[Callable[[World], TestClient]]:
+    """Makes visitors of a service's site; each has its own cookies."""
+    opened: list[TestClient] = []
+
+    def visit(world: World) -> TestClient:
+        client = TestClient(make_app(world.wired), raise_server_exceptions=False, follow_redirects=False)
+        opened.append(client)
+        client.__enter__()
+        return client
+
+    yield visit
+    for one in opened:
+        one.__exit__(None, None, None)
+
+
+@pytest.fixture
+def client(small_world: World, open_client: Callable[[World], TestClient]) -> TestClient:
+    """A visitor of `small_world`."""
+    return open_client(small_world)
