@@ -164,4 +164,7 @@ def _is_forged(request: Request) -> bool:
     if fetched is not None and fetched not in ("same-origin", "none"):
         return True
     origin = request.headers.get("origin")
-    return origin is not None and urlsplit(origin).netloc != request.headers.get("host")
+    try:
+        return origin is not None and urlsplit(origin).netloc != request.headers.get("host")
+    except ValueError:  # no address at all, such as http://[::1
+        return True

@@ -7,6 +7,7 @@ from datetime import datetime
 from uuid import UUID
 
 from sqlalchemy import select
+from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.errors import Invalid
@@ -32,10 +33,14 @@ def checked_name(name: str) -> str:
 def find_or_make(session: Session, *, team_id: UUID, name: str, now: datetime) -> tuple[Method, bool]:
     """The team's method of this name, and whether it was made just now; inside the caller's transaction."""
     name = checked_name(name)
-    found = session.scalar(select(Method).where(Method.team_id == team_id, Method.name == name))
+    mine = select(Method).where(Method.team_id == team_id, Method.name == name)
+    found = session.scalar(mine)
     if found:
         return found, False
     made = Method(team_id=team_id, name=name, created_at=now)
-    session.add(made)
-    session.flush()
+    try:
+        with session.begin_nested():
+            session.add(made)
+    except IntegrityError:  # another upload of the team has just made it
+        return session.scalars(mine).one(), False
     return made, True

@@ -10,7 +10,7 @@ from datetime import datetime, timedelta
 from typing import Any
 from uuid import UUID
 
-from sqlalchemy import and_, or_, update
+from sqlalchemy import and_, case, or_, update
 from sqlalchemy.orm import Session
 
 from app.database import Database
@@ -79,9 +79,11 @@ def release(db: Database, held: Claim, *, now: datetime, reason: str, counts: bo
         LostClaim: it was somebody else's already.
     """
     with db.begin() as session:
-        fruitless = Evaluation.fruitless if counts else Evaluation.fruitless - 1
+        tried = case((Evaluation.fruitless > 0, Evaluation.fruitless - 1), else_=0)  # a stored chunk made it 0
+        fruitless = Evaluation.fruitless if counts else tried
         write(session, held, state=Stage.QUEUED, lease_until=None, fruitless=fruitless, sent_at=None, error=reason)
-        follow(session, held.evaluation_id, State.QUEUED, now=now, reason=reason.splitlines()[0])
+        public = reason.splitlines()[0].partition(":")[0]  # what follows may name our folders and hosts
+        follow(session, held.evaluation_id, State.QUEUED, now=now, reason=public)
 
 
 def follow(session: Session, evaluation_id: UUID, state: State, *, now: datetime, reason: str) -> None:

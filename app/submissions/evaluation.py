@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import socket
-import traceback
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from datetime import timedelta
 from pathlib import Path
 from uuid import UUID
@@ -21,7 +20,7 @@ from app.submissions.models import Chunk, Evaluation, Score, Submission
 from app.wiring import Wired
 from evaluator import __version__
 from evaluator.errors import Problem, Refused
-from evaluator.evaluate import LISTED, Outcome, Task, conclude, in_parts, open_archive, plan, refusal, score_parts
+from evaluator.evaluate import LISTED, Outcome, Task, conclude, open_archive, plan, refusal, score_parts
 from evaluator.evaluate import Chunk as Counted
 from evaluator.groundtruth import GroundTruth
 from evaluator.matching import Matched
@@ -59,8 +58,8 @@ def run(wired: Wired, evaluation_id: UUID, *, draining: Callable[[], bool] = lam
         return
     except _DrainedError:
         _give_back(wired, held, "the worker was stopped in an orderly way", counts=False)
-    except Exception:
-        _give_back(wired, held, traceback.format_exc(limit=-3).strip().splitlines()[-1], counts=True)
+    except Exception as error:
+        _give_back(wired, held, f"{type(error).__name__}: {error}", counts=True)
         raise
 
 
@@ -97,20 +96,27 @@ def _score_chunks(  # noqa: PLR0913 one evaluation's whole context
     wired: Wired, held: Claim, path: Path, matched: Matched, task: Task, truth: GroundTruth, stop: Callable[[], None]
 ) -> None:
     """Count the chunks that no earlier attempt has stored, and store each in its own transaction."""
-    parts = list(in_parts(matched.pairs, wired.settings.chunk_frames))
-    starts = range(0, len(matched.pairs), wired.settings.chunk_frames)
     with wired.db.begin() as session:
         stored = {row.start: row.length for row in session.scalars(_chunks_of(held.evaluation_id))}
         done = sum(stored.values())
         write(session, held, frames_total=len(matched.pairs), frames_done=done, evaluator=__version__)
-    missing = [(start, part) for start, part in zip(starts, parts, strict=True) if start not in stored]
-    counted = score_parts(path, [part for _, part in missing], task, truth, jobs=wired.settings.scoring_threads)
-    for (start, part), chunk in zip(missing, counted, strict=True):
+    missing = list(_missing(stored, len(matched.pairs), wired.settings.chunk_frames))
+    parts = [matched.pairs[one.start : one.stop] for one in missing]
+    counted = score_parts(path, parts, task, truth, jobs=wired.settings.scoring_threads)
+    for one, chunk in zip(missing, counted, strict=True):
         stop()
-        done += len(part)
+        done += len(one)
         with wired.db.begin() as session:
             write(session, held, frames_done=done, fruitless=0)
-            session.add(_keep(held.evaluation_id, start, len(part), chunk))
+            session.add(_keep(held.evaluation_id, one.start, len(one), chunk))
+
+
+def _missing(stored: Mapping[int, int], total: int, size: int) -> Iterator[range]:
+    """Chunks of the frames that no stored one (start: length) has; the size may have been another one before."""
+    at = 0
+    for start, length in [*sorted(stored.items()), (total, 0)]:
+        yield from (range(i, min(i + size, start)) for i in range(at, start, size))
+        at = start + length
 
 
 def _finish(wired: Wired, held: Claim, outcome: Outcome, task: Task) -> None:

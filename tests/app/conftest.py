@@ -14,6 +14,8 @@ from app.main import make_app
 from app.settings import Settings
 from app.tracks.service import import_release
 from app.wiring import wire
+from evaluator.benchmark import load
+from evaluator.build import build
 from tests.app.world import Clock, Predictions, World
 
 NOBODY_LISTENS = "redis+socket:///nonexistent/broker.sock"
@@ -30,6 +32,14 @@ class Demo(Protocol):
 @pytest.fixture(scope="session")
 def predictions(demo: Demo, tmp_path_factory: pytest.TempPathFactory) -> Predictions:
     return Predictions(demo.groundtruth, tmp_path_factory.mktemp("predictions"))
+
+
+@pytest.fixture(scope="session")
+def open_release(demo: Demo, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same labels, for everybody to see."""
+    folder = tmp_path_factory.mktemp("open") / "groundtruth"
+    build(demo.data, demo.splits, folder, load(), is_open=True)
+    return folder
 
 
 @pytest.fixture

@@ -78,7 +78,9 @@ class World:
         """A new person, known by a token."""
         return identify_token(self.wired.db, self.token(email, role=role))
 
-    def begin(self, who: Identity, *, track: str = "2d-standard", method: str = "Forest", public: bool = False) -> Begun:
+    def begin(
+        self, who: Identity, *, track: str = "2d-standard", method: str = "Forest", public: bool = False
+    ) -> Begun:
         """A row whose bytes come next."""
         visibility = Visibility.PUBLIC if public else Visibility.PRIVATE
         return service.begin(self.wired, Entry(track, method, visibility=visibility), who=who)

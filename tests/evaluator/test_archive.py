@@ -159,10 +159,11 @@ def test_an_archive_with_more_members_than_allowed_is_refused(tmp_path: Path, ma
         assert len(archive.members) == 4
 
 
-def test_members_that_share_bytes_are_refused(tmp_path: Path, make: type[Make]) -> None:
+@pytest.mark.parametrize("offset", [0, 10, 26])
+def test_members_that_share_bytes_are_refused(tmp_path: Path, make: type[Make], offset: int) -> None:
     whole = bytearray(make.zip(tmp_path / "whole.zip", {"a.png": b"x" * 50, "b.png": b"y" * 50}).read_bytes())
     second = whole.rindex(b"PK\x01\x02")
-    whole[second + 42 : second + 46] = bytes(4)  # its header is said to be that of the first
+    whole[second + 42 : second + 46] = struct.pack("<I", offset)  # its header is said to lie inside the first member
     found = refused(as_file(tmp_path, whole))
     assert found == problem(Code.OVERLAPPING_MEMBERS, "b.png")
 

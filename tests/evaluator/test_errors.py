@@ -60,6 +60,11 @@ def test_a_problem_as_json_has_a_hint_of_its_own_or_that_of_its_code() -> None:
     }
 
 
+@pytest.mark.parametrize("one", [Problem(Code.NOT_A_ZIP), Problem(Code.WRONG_SIZE, "a.png", "3x2", "2x2", "Resize.")])
+def test_a_problem_that_was_kept_comes_back_as_it_was(one: Problem) -> None:
+    assert Problem.from_row(one.as_row()) == one
+
+
 def test_a_warning_is_shorter() -> None:
     assert Problem(Code.UNKNOWN_MEMBER, "README", "nothing", "something").as_warning() == {
         "member": "README",

@@ -193,6 +193,11 @@ def test_pixel_data_that_cannot_be_inflated_is_unreadable(make: type[Make]) -> N
     assert found == problem(Code.UNREADABLE, INTACT, found["found"])
 
 
+def test_a_row_filter_that_png_does_not_know_is_unreadable(make: type[Make]) -> None:
+    found = refused(read_image, make.raw_png((3, 2), b"\x09" + ROWS[1:]))
+    assert found == problem(Code.UNREADABLE, INTACT, found["found"])
+
+
 def test_bytes_after_the_end_of_the_picture_are_unreadable(make: type[Make]) -> None:
     assert refused(read_image, make.raw_png((3, 2), ROWS) + b"PK") == problem(
         Code.UNREADABLE, INTACT, "bytes follow the end of the picture"

@@ -38,7 +38,7 @@ PATIENCE = 90.0
 T = TypeVar("T")
 
 
-def poll(ask: Callable[[], T], *, pause: float = 0.05, said: Callable[[], object] = lambda: "") -> T:
+def wait_for(ask: Callable[[], T], *, pause: float = 0.05, said: Callable[[], object] = lambda: "") -> T:
     """Ask until the answer is truthy, and return it."""
     deadline = time.monotonic() + PATIENCE
     while not (answer := ask()):
@@ -46,6 +46,12 @@ def poll(ask: Callable[[], T], *, pause: float = 0.05, said: Callable[[], object
             pytest.fail(f"nothing happened in {PATIENCE:.0f} s; {said()}")
         time.sleep(pause)
     return answer
+
+
+@pytest.fixture(scope="session")
+def poll() -> Callable[..., Any]:
+    """Waits for something, and fails when it does not come."""
+    return wait_for
 
 
 @dataclass
@@ -98,9 +104,10 @@ class Server:
     def curl(self, archive: Path, token: str, **fields: str) -> tuple[int, dict[str, Any]]:
         """Submit as the documentation says; the answer is the status and the JSON."""
         form = [part for name, value in fields.items() for part in ("-F", f"{name}={value}")]
+        form += ["-F", f"file=@{archive}", f"{self.url}/api/v1/submissions"]
         command = ["curl", "--silent", "--show-error", "--noproxy", "*", "--write-out", "\n%{http_code}"]
         done = subprocess.run(
-            [*command, "-H", f"Authorization: Bearer {token}", *form, "-F", f"file=@{archive}", self.submissions],
+            [*command, "-H", f"Authorization: Bearer {token}", *form],
             capture_output=True,
             text=True,
             check=True,
@@ -108,11 +115,6 @@ class Server:
         )
         body, _, status = done.stdout.rpartition("\n")
         return int(status), json.loads(body)
-
-    @property
-    def submissions(self) -> str:
-        """Where submissions are sent."""
-        return f"{self.url}/api/v1/submissions"
 
     def send(self, archive: Path, token: str, **fields: str) -> str:
         """Submit a zip that is accepted; the answer is its id."""
@@ -129,7 +131,7 @@ class Server:
                 said.update(self.get(f"/api/v1/submissions/{submission_id}", token).json())
             return said.get("state") in FINAL
 
-        poll(is_final, said=lambda: said)
+        wait_for(is_final, said=lambda: said)
         return said
 
     def uploads(self) -> set[str]:
@@ -143,7 +145,7 @@ class Server:
         return False
 
 
-def descendants(pid: int) -> set[int]:
+def below(pid: int) -> set[int]:
     """The processes below a process, from the kernel's table (Linux)."""
     parents = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
@@ -158,6 +160,12 @@ def descendants(pid: int) -> set[int]:
     return found
 
 
+@pytest.fixture(scope="session")
+def descendants() -> Callable[[int], set[int]]:
+    """Lists the processes below a process."""
+    return below
+
+
 def free_port() -> int:
     """A port of the loopback that nobody listens on."""
     with socket.socket() as probe:
@@ -165,30 +173,39 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+MakeServer = Callable[..., Server]
 Serve = Callable[..., Server]
 
 
-@pytest.fixture(scope="module")
+def describe(home: Path, **settings: object) -> Server:
+    """A server on a free port of the loopback, not running yet; keywords are settings, in lower case."""
+    url = f"http://127.0.0.1:{free_port()}"
+    told = {f"WILDSCENES_{name.upper()}": str(value) for name, value in settings.items()}
+    own = {"WILDSCENES_HOME": str(home), "WILDSCENES_BASE_URL": url, "PYTHONUNBUFFERED": "1", "NO_PROXY": "*"}
+    return Server(url, home, own | told)
+
+
+@pytest.fixture(scope="session")
+def make_server() -> MakeServer:
+    """Describes a server whose processes the test starts itself: home and settings."""
+    return describe
+
+
+@pytest.fixture(scope="session")
 def serve(tmp_path_factory: pytest.TempPathFactory, start_program: Start) -> Iterator[Serve]:
     """Runs `wildscenes serve` with these options on a home of its own; keywords are settings, in lower case."""
     servers: list[Server] = []
 
-    def run(*options: object, **settings: object) -> Server:
-        home, port = tmp_path_factory.mktemp("home"), free_port()
-        environment = {f"WILDSCENES_{name.upper()}": str(value) for name, value in settings.items()}
-        made = Server(f"http://127.0.0.1:{port}", home, {**environment, "PYTHONUNBUFFERED": "1", "NO_PROXY": "*"})
+    def run(*options: object, home: Path | None = None, **settings: object) -> Server:
+        made = describe(home or tmp_path_factory.mktemp("home"), **settings)
         made.output = tmp_path_factory.mktemp("output") / "serve.log"
+        told = [PROGRAM, "serve", "--home", str(made.home), "--port", made.url.rpartition(":")[2], *map(str, options)]
+        process = made.process = start_program(told, made.output, env={**os.environ, **made.environment})
         servers.append(made)
-        told = [PROGRAM, "serve", "--home", str(home), "--port", str(port), *map(str, options)]
-        process = start_program(told, made.output, env={**os.environ, **made.environment})
-        made.process = process
 
-        def is_up() -> bool:
-            if process.poll() is not None:
-                pytest.fail(f"it ended: {made.output.read_text()}")
-            return "Ctrl-C stops the server" in made.output.read_text()
-
-        poll(is_up, said=made.output.read_text)
+        up = "Ctrl-C stops the server"
+        wait_for(lambda: up in made.output.read_text() or process.poll() is not None, said=made.output.read_text)
+        assert up in made.output.read_text(), made.output.read_text()
         return made
 
     yield run
@@ -196,12 +213,18 @@ def serve(tmp_path_factory: pytest.TempPathFactory, start_program: Start) -> Ite
         stop(server)
 
 
+@pytest.fixture(scope="session")
+def demo_server(serve: Serve, demo: DataSet) -> Server:
+    """A server on the demo's ground truth that several modules share; each has people of its own."""
+    return serve("--groundtruth", demo.groundtruth)
+
+
 def stop(server: Server) -> int | None:
     """End a server with Ctrl-C's signal, and whatever does not heed it; the answer is its exit status."""
     process = server.process
-    if process is None:
-        return None
-    left = descendants(process.pid)
+    if process is None or process.poll() is not None:
+        return process and process.poll()
+    left = below(process.pid)
     process.send_signal(signal.SIGINT)
     with contextlib.suppress(subprocess.TimeoutExpired):
         process.wait(PATIENCE)
@@ -237,10 +260,10 @@ def predict(demo: DataSet, wildscenes: Benchmark, tmp_path_factory: pytest.TempP
 
 @dataclass(frozen=True)
 class Noise:
-    """A data set of random labels: `groundtruth` is its release, `frames` are the names of its test frames."""
+    """A data set of random labels: `groundtruth` is its release, `frames` are its test frames with their sequences."""
 
     groundtruth: Path
-    frames: list[str]
+    frames: dict[str, str]
     size: tuple[int, int]
 
     def zip(self, path: Path, modality: str = "2d", seed: int = 1, *, encode: Any = None) -> Path:
@@ -263,11 +286,11 @@ def make_noise(tmp_path_factory: pytest.TempPathFactory, wildscenes: Benchmark) 
 
     def make(frames: int, size: tuple[int, int]) -> Noise:
         folder, rng = tmp_path_factory.mktemp("noise"), np.random.default_rng(0)
-        names = [f"{number:010}-000000001" for number in range(1, frames + 1)]
+        sequences = [one.name for one in wildscenes.sequences]
+        made = {f"{n:010}-000000001": sequences[n % len(sequences)] for n in range(frames)}
         for modality_id, modality in wildscenes.modalities.items():
             rows = ["id,label_path"]
-            for number, name in enumerate(names):
-                sequence = wildscenes.sequences[number % len(wildscenes.sequences)].name
+            for name, sequence in made.items():
                 path = folder / modality_id / sequence / (name + modality.suffix)
                 path.parent.mkdir(parents=True, exist_ok=True)
                 values = len(wildscenes.encodings[modality.groundtruth_encoding].values)
@@ -278,6 +301,6 @@ def make_noise(tmp_path_factory: pytest.TempPathFactory, wildscenes: Benchmark) 
             split.parent.mkdir(parents=True)
             split.write_text("\n".join([*rows, ""]), "utf-8")
         build(folder, folder / "splits", folder / "release", wildscenes)
-        return Noise(folder / "release", names, size)
+        return Noise(folder / "release", made, size)
 
     return make

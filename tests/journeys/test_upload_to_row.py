@@ -15,14 +15,14 @@ from evaluator.benchmark import Benchmark
 
 if TYPE_CHECKING:
     from tests.conftest import DataSet
-    from tests.journeys.conftest import Predict, Serve, Server
+    from tests.journeys.conftest import Predict, Server
 
 NOBODY = "00000000-0000-0000-0000-000000000000"
 
 
 @pytest.fixture(scope="module")
-def server(serve: Serve, demo: DataSet) -> Server:
-    return serve("--groundtruth", demo.groundtruth)
+def server(demo_server: Server) -> Server:
+    return demo_server
 
 
 @pytest.fixture(scope="module")

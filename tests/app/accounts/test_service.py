@@ -20,7 +20,7 @@ from app.accounts.service import (
     sign_out,
 )
 from app.errors import Conflict, Invalid, NotFound, Unauthenticated
-from tests.app.world import NOON, World, at_once
+from tests.app.world import NOON, World
 
 
 def sha256(secret: str) -> str:
@@ -62,17 +62,6 @@ def test_people_whose_addresses_begin_alike_get_teams_of_different_names(world: 
     for email in ("ada@a.org", "ada@b.org", "adam@a.org", "ada@c.org", "ad_a@a.org", "ada%@a.org"):
         world.person(email)
     assert teams(world) == ["ad_a", "ada", "ada 2", "ada 3", "ada%", "adam"]
-
-
-def test_people_of_one_name_who_are_made_at_the_same_time_get_teams_of_different_names(world: World) -> None:
-    def make(number: int) -> Person:
-        return create_person(
-            world.wired.db, email=f"ada@{number}.org", role=Role.MEMBER, name="Ada", now=world.clock()
-        )
-
-    got = at_once([lambda n=n: make(n) for n in range(4)])  # type: ignore[misc]
-    assert [type(one) for one in got] == [Person] * 4
-    assert teams(world) == ["Ada", "Ada 2", "Ada 3", "Ada 4"]
 
 
 @pytest.mark.parametrize("email", ["", "ada", "@example.org", "ada@", "a b@c.org", "ada@b@c.org", "a\x00@b.org"])

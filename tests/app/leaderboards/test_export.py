@@ -58,9 +58,10 @@ def table(*rows: dict[str, Any]) -> list[list[str]]:
 def test_a_board_is_a_header_and_a_line_a_row_with_undefined_figures_left_empty() -> None:
     about = ["rank", "method", "team", "submission_id", "permalink", "submitted_at", "baseline", "attempt"]
     link = f"http://testserver/submissions/{ID}"
+    noon = "2026-03-01T12:00:00Z"
     assert table(ROW, PAPER) == [
         [*about, "miou", "miou_13", "bush", "mud"],
-        ["1", "Forest", "ada", str(ID), link, "2026-03-01T12:00:00Z", "false", "2 of 3", "0.5123", "0.4107", "0.25", ""],
+        ["1", "Forest", "ada", str(ID), link, noon, "false", "2 of 3", "0.5123", "0.4107", "0.25", ""],
         ["", "SegNet", "WildScenes", "", "", "2025", "true", "", "", "", "0.25", ""],
     ]
 

@@ -86,7 +86,9 @@ SAMPLE_PARTS = [
     FileEnds(),
 ]
 nearly = st.lists(
-    st.sampled_from([b"\r\n", b"--", b"\r", b"\n", b"\r\n--", b"--b0und", b"\r\n--b0undar", b"b0undary", b"\x00", b"PK"]),
+    st.sampled_from(
+        [b"\r\n", b"--", b"\r", b"\n", b"\r\n--", b"--b0und", b"\r\n--b0undar", b"b0undary", b"\x00", b"PK"]
+    ),
     max_size=12,
 ).map(b"".join)
 content = nearly.filter(lambda data: f"\r\n--{BOUNDARY}".encode() not in b"\r\n" + data)
