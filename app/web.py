@@ -32,6 +32,15 @@ SECURITY = {
     "Referrer-Policy": "same-origin",
     "Cross-Origin-Opener-Policy": "same-origin",
 }
+BROKEN_PAGE = """<!doctype html>
+<html lang="en">
+<head><meta charset="utf-8"><title>{fault.title}</title><link rel="stylesheet" href="/static/site.css"></head>
+<body><main class="page">
+<h1>{fault.title}</h1><p>{fault.detail}</p><p><a href="/">Back to the home page</a></p>
+</main></body>
+</html>
+"""
+"""The page about a fault of ours: it asks nothing of the database, which may be what is broken."""
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
@@ -120,7 +129,11 @@ def install(app: FastAPI) -> None:
     @app.exception_handler(Exception)
     def broken(request: Request, error: Exception) -> Response:
         log.error("unexpected", path=request.url.path, exc_info=error)
-        return answer(request, Broken("Something unexpected happened on our side; it was logged. Please try again."))
+        fault = Broken("Something unexpected happened on our side; it was logged. Please try again.")
+        to_api = request.url.path.startswith(API)
+        made = problem(fault) if to_api else HTMLResponse(BROKEN_PAGE.format(fault=fault), fault.status)
+        made.headers.update(SECURITY)  # Starlette sends this answer past every middleware
+        return made
 
     def forged(request: Request) -> Response:
         return answer(request, Forbidden("this request came from another site", code="cross_site"))
@@ -158,7 +171,8 @@ class Guard:
 
 def _is_forged(request: Request) -> bool:
     """Whether another site made a browser send this: requests with a bearer token need no such check."""
-    if request.method in SAFE_METHODS or "authorization" in request.headers:
+    bearer = request.headers.get("authorization", "").lower().startswith("bearer ")
+    if request.method in SAFE_METHODS or bearer:
         return False
     fetched = request.headers.get("sec-fetch-site")
     if fetched is not None and fetched not in ("same-origin", "none"):

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
+import structlog
+
 from app.database import Database
 from app.queue import Queue
 from app.settings import Settings
@@ -37,12 +39,19 @@ class Wired:
         return {t.id: (b, t) for b in self.benchmarks.values() for t in b.all_tracks.values()}
 
 
+def _log_plainly() -> None:
+    """Tracebacks without the values of variables, which may be tokens; a package that happens to be there adds them."""
+    plain = structlog.dev.ConsoleRenderer(exception_formatter=structlog.dev.plain_traceback)
+    structlog.configure(processors=[*structlog.get_config()["processors"][:-1], plain])
+
+
 def wire(settings: Settings | None = None, *, pooled: bool = True) -> Wired:
     """Put a service together from its settings; call it after a process has forked.
 
     Raises:
         BenchmarkError: two benchmarks share an id or a track.
     """
+    _log_plainly()
     settings = settings or Settings()
     loaded = [load(path) for path in settings.benchmarks] or [load()]
     ids = [one.id for one in loaded] + [track for one in loaded for track in one.all_tracks]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 import uuid
 from collections.abc import Mapping
+from dataclasses import replace
 from uuid import UUID
 
 from anyio import CancelScope, to_thread
@@ -50,12 +51,13 @@ class _Arrival:
     def __init__(self, wired: Wired, who: Identity, fields: Mapping[str, str]) -> None:
         self.wired, self.who, self.fields = wired, who, dict(fields)
         self.begun: Begun | None = None
+        self.entry: Entry | None = None
         self.receiver: Receiver | None = None
         self.done: Received | None = None
         self._told = time.monotonic()
 
     async def begin_row(self) -> Begun:
-        entry = entry_from(self.fields)
+        entry = self.entry = entry_from(self.fields)
         return await to_thread.run_sync(lambda: service.begin(self.wired, entry, who=self.who))
 
     async def file_begins(self) -> None:
@@ -79,7 +81,7 @@ class _Arrival:
     async def conclude(self) -> Begun:
         if self.done is None:
             raise Invalid("the field 'file' is missing: send a zip", code="file_missing")
-        begun = self.begun = self.begun or await self.begin_row()
+        begun = self.begun = await self._row_as_told()
         done = self.done
         await to_thread.run_sync(
             lambda: service.received(self.wired, begun.id, key=done.key, sha256=done.sha256, size=done.size)
@@ -90,10 +92,23 @@ class _Arrival:
         """Leave no bytes, and no row that waits for them."""
         if self.receiver:
             self.receiver.abort()
-        if self.done:
+        unwanted = self.begun is None or service.broke_off(self.wired, self.begun.id, reason=reason)
+        if self.done and unwanted:
             self.wired.storage.delete(self.done.key)
-        if self.begun:
-            service.broke_off(self.wired, self.begun.id, reason=reason)
+
+    async def _row_as_told(self) -> Begun:
+        """The row that says what all fields say: another one where fields behind the file changed something."""
+        early, told = self.begun, self.entry
+        if early is None or told is None:
+            return await self.begin_row()
+        now = entry_from(self.fields)
+        if now == told:
+            return early
+        begun = await self.begin_row()
+        reason = "sent again under the fields behind the file"
+        await to_thread.run_sync(lambda: service.broke_off(self.wired, early.id, reason=reason))
+        is_new = begun.method_created or (early.method_created and now.method == told.method)
+        return replace(begun, method_created=is_new)
 
     async def _still_here(self) -> None:
         """Tell the sweeper, a few times within its patience, that bytes are still coming."""

@@ -146,13 +146,14 @@ def received(wired: Wired, submission_id: UUID, *, key: str, sha256: str, size: 
     wired.queue.send(evaluation.id)  # may fail: the sweeper sends a waiting evaluation again
 
 
-def broke_off(wired: Wired, submission_id: UUID, *, reason: str) -> None:
-    """End a submission whose upload did not arrive; nothing is counted."""
+def broke_off(wired: Wired, submission_id: UUID, *, reason: str) -> bool:
+    """End a submission whose upload did not arrive; nothing is counted. Returns whether its bytes may be removed."""
     with wired.db.begin() as session:
         submission = session.get_one(Submission, submission_id, with_for_update=True)
         if submission.state == State.RECEIVING:
             submission.deadline = None
             move(session, submission, State.CANCELLED, now=wired.now(), reason=reason)
+        return submission.upload_key is None
 
 
 def read(wired: Wired, submission_id: UUID, *, who: Identity | None) -> Reading:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any, Protocol
 import pytest
 from starlette.testclient import TestClient
 
+from app.database import migrate
 from app.main import make_app
 from app.settings import Settings
 from app.tracks.service import import_release
@@ -40,6 +42,21 @@ def open_release(demo: Demo, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("open") / "groundtruth"
     build(demo.data, demo.splits, folder, load(), is_open=True)
     return folder
+
+
+@pytest.fixture(scope="session")
+def sqlite_template(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A SQLite file with its tables made: copying it is ten times as fast as making them."""
+    path = tmp_path_factory.mktemp("template") / "service.sqlite"
+    migrate(f"sqlite:///{path}")
+    return path
+
+
+@pytest.fixture
+def sqlite_url(tmp_path: Path, sqlite_template: Path) -> str:
+    """The URL of a SQLite file of this test's own, its tables made."""
+    shutil.copyfile(sqlite_template, tmp_path / "service.sqlite")
+    return f"sqlite:///{tmp_path / 'service.sqlite'}"
 
 
 @pytest.fixture

@@ -176,13 +176,11 @@ def signed_in(small_world: World, client: TestClient) -> TestClient:
 
 
 @pytest.mark.parametrize("path", CHANGES)
-@pytest.mark.parametrize("headers", FOREIGN, ids=str)
-def test_what_another_site_makes_a_browser_send_is_refused(
-    signed_in: TestClient, path: str, headers: dict[str, str]
-) -> None:
-    answer = signed_in.post(path, headers=headers)
-    assert (answer.status_code, safe(answer.headers)) == (403, SECURITY)
-    assert "this request came from another site" in answer.text
+def test_what_another_site_makes_a_browser_send_is_refused(signed_in: TestClient, path: str) -> None:
+    for headers in FOREIGN:
+        answer = signed_in.post(path, headers=headers)
+        assert (answer.status_code, safe(answer.headers)) == (403, SECURITY), headers
+        assert "this request came from another site" in answer.text
 
 
 def test_a_session_outlives_what_another_site_asked_for(signed_in: TestClient) -> None:

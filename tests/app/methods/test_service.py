@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from uuid import UUID
 
 import pytest
@@ -18,7 +19,7 @@ from tests.app.world import World, at_once
     ("name", "kept"),
     [
         ("  My \t method\n", "My method"),
-        ("Cafe\N{COMBINING ACUTE ACCENT}", "Caf\N{LATIN SMALL LETTER E WITH ACUTE}"),
+        ("e\N{COMBINING ACUTE ACCENT}", "\N{LATIN SMALL LETTER E WITH ACUTE}"),
         ("x" * 100, "x" * 100),
         ("森林", "森林"),
     ],
@@ -68,7 +69,7 @@ def test_two_teams_may_have_methods_of_one_name(world: World) -> None:
 def test_uploads_that_begin_together_for_a_new_method_of_one_name_share_it(world: World) -> None:
     who = world.person()
     for number in range(3):
-        got = at_once([lambda n=number: world.begin(who, method=f"New {n}")] * 4)  # type: ignore[misc]
+        got = at_once([partial(world.begin, who, method=f"New {number}")] * 4)
         begun = [one for one in got if isinstance(one, Begun)]
         assert (got, sorted(one.method_created for one in begun)) == (begun, [False, False, False, True])
     assert named(world) == [(who.team_id, f"New {number}") for number in range(3)]

@@ -40,9 +40,7 @@ def test_an_entry_that_cannot_become_a_submission_is_refused_by_name(
     assert service.list_of_team(small_world.wired, who=who) == []
 
 
-def test_a_track_without_ground_truth_takes_no_submission(
-    make_world: Callable[..., World], sqlite_url: str
-) -> None:
+def test_a_track_without_ground_truth_takes_no_submission(make_world: Callable[..., World], sqlite_url: str) -> None:
     world = make_world(sqlite_url, release=None)
     with pytest.raises(Conflict) as caught:
         world.begin(world.person())

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from datetime import timedelta
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 from uuid import UUID
@@ -19,7 +20,6 @@ from app.submissions.lifecycle import MAX_FRUITLESS, Stage, State
 from app.submissions.models import Evaluation
 from app.submissions.sweeper import sweep
 from tests.app.world import World, at_once
-
 
 HALF_A_DAY = timedelta(hours=12)
 
@@ -40,11 +40,11 @@ def shared_broker(brokers: Callable[[], Broker]) -> Broker:
 
 
 @pytest.fixture
-def broker(shared_broker: Broker) -> Iterator[Broker]:
+def broker(shared_broker: Broker) -> Broker:
     """A broker of this module's own, empty."""
     with Redis(unix_socket_path=str(shared_broker.socket)) as client:
         client.flushall()
-    yield shared_broker
+    return shared_broker
 
 
 @pytest.fixture
@@ -90,9 +90,7 @@ def test_sweepers_of_several_workers_send_a_waiting_evaluation_once(heard: World
     assert queued(broker) == [heard.evaluation(submission_id).id] * 2
 
 
-def test_while_the_broker_is_away_a_submission_waits_and_is_sent_once_it_is_back(
-    heard: World, broker: Broker
-) -> None:
+def test_while_the_broker_is_away_a_submission_waits_and_is_sent_once_it_is_back(heard: World, broker: Broker) -> None:
     who = heard.person()
     broker.kill()
     try:
@@ -228,6 +226,7 @@ def test_arriving_and_being_given_up_at_once_ends_in_one_of_the_two(world: World
     for _ in range(4):
         begun = world.begin(who)
         world.clock.advance(301)
-        got = at_once([lambda b=begun: world.arrive(b, b"zip"), lambda: sweep(world.wired)])  # type: ignore[misc]
+        race: list[Callable[[], object]] = [partial(world.arrive, begun, b"zip"), partial(sweep, world.wired)]
+        got = at_once(race)
         state = world.submission(begun.id).state
         assert (state, type(got[0])) in [(State.QUEUED, type(None)), (State.CANCELLED, Conflict)]
