@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import mmap
 import re
 import stat
+import struct
 import zipfile
 import zlib
 from dataclasses import dataclass
@@ -12,6 +14,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING
 
 from evaluator.errors import Code, Problem, Refused
+from evaluator.inflate import InflateError, crc32, inflate_member
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -20,9 +23,10 @@ JUNK = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})
 _BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
 _UNSAFE = re.compile(rf"[\x00-\x1f\x7f-\x9f{_BIDI}]|^[/\\]|^[A-Za-z]:|(^|[/\\])\.\.([/\\]|$)")
 _ENCRYPTED = 0x1
-_LOCAL_HEADER = 30
-_DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError, ValueError)
-"""What reading a member may raise; a name that is no UTF-8 is a ValueError."""
+_UTF8 = 0x800
+_RAW_DEFLATE = -15
+_LOCAL_MAGIC = 0x04034B50
+_LOCAL_HEADER = struct.Struct("<IHHHHHIIIHH")
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,7 @@ class Member:
 
 
 class Archive:
-    """A zip that has passed the checks of its layout; use it as a context manager, from one thread.
+    """A zip that has passed the checks of its layout, mapped into memory; use it as a context manager, from any thread.
 
     Raises:
         Refused: on opening, when the archive as a whole breaks a rule.
@@ -53,23 +57,21 @@ class Archive:
 
     def __init__(self, path: Path, *, max_members: int) -> None:
         """Read and check the central directory; no member is read yet."""
-        self._file = _open(path)
-        try:
-            infos = self._file.infolist()
-            if len(infos) > max_members:
-                raise Refused(Problem(Code.TOO_MANY_MEMBERS, None, f"at most {max_members}", str(len(infos))))
-            _check_layout(infos)
-            for info in infos:
-                _check_entry(info)
-        except Refused:
-            self._file.close()
-            raise
+        with _open(path) as file:
+            infos = file.infolist()
+        if len(infos) > max_members:
+            raise Refused(Problem(Code.TOO_MANY_MEMBERS, None, f"at most {max_members}", str(len(infos))))
+        _check_layout(infos)
+        for info in infos:
+            _check_entry(info)
+        with path.open("rb") as stream:
+            self._map = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
         self._infos = infos
         self.members = tuple(
             Member(info.filename, info.file_size, position) for position, info in enumerate(infos) if not info.is_dir()
         )
 
-    def read(self, member: Member, limit: int) -> bytes:
+    def read(self, member: Member, limit: int) -> bytes | bytearray:
         """The whole content of a member, its checksum verified.
 
         Args:
@@ -81,23 +83,47 @@ class Archive:
         """
         if member.size > limit:
             raise _unreadable(member, f"at most {limit} bytes", f"{member.size} bytes")
-        try:
-            with self._file.open(self._infos[member.position]) as stream:
-                data = stream.read(limit + 1)
-                stream.read(1)  # reaching the end is what verifies the checksum
-        except _DAMAGED as error:
-            raise _unreadable(member, "an intact member", str(error) or type(error).__name__) from error
+        info = self._infos[member.position]
+        with memoryview(self._map) as whole:
+            start, end = self._extent(whole, member)
+            with whole[start:end] as stored:
+                try:
+                    is_stored = info.compress_type == zipfile.ZIP_STORED
+                    data = bytearray(stored) if is_stored else inflate_member(stored, member.size)
+                except InflateError as error:
+                    raise _unreadable(member, "an intact member", str(error)) from error
         if len(data) != member.size:
-            raise _unreadable(member, f"{member.size} bytes, as its entry says", f"{len(data)} bytes or more")
+            raise _unreadable(member, f"{member.size} bytes, as its entry says", f"{len(data)} bytes")
+        if crc32(data) != info.CRC:
+            raise _unreadable(member, "an intact member", "its checksum is wrong")
         return data
 
     def start(self, member: Member, size: int) -> bytes:
         """The first bytes of a member, fewer where it is shorter or damaged; nothing is verified."""
+        info = self._infos[member.position]
         try:
-            with self._file.open(self._infos[member.position]) as stream:
-                return stream.read(size)
-        except _DAMAGED:
+            with memoryview(self._map) as whole:
+                start, end = self._extent(whole, member)
+                if info.compress_type == zipfile.ZIP_STORED:
+                    return bytes(whole[start : min(end, start + size)])
+                return zlib.decompressobj(_RAW_DEFLATE).decompress(whole[start:end], size)
+        except (Refused, zlib.error):
             return b""
+
+    def _extent(self, whole: memoryview, member: Member) -> tuple[int, int]:
+        """Where a member's compressed bytes begin and end; its local header must agree with the directory."""
+        info = self._infos[member.position]
+        local = bytes(whole[info.header_offset : info.header_offset + _LOCAL_HEADER.size])
+        if len(local) == _LOCAL_HEADER.size:
+            magic, _, _, method, *_, name_length, extra_length = _LOCAL_HEADER.unpack(local)
+            named = info.header_offset + _LOCAL_HEADER.size
+            start = named + name_length + extra_length
+            name = bytes(whole[named : named + name_length])
+            encoded = info.orig_filename.encode("utf-8" if info.flag_bits & _UTF8 else "cp437", "replace")
+            agrees = magic == _LOCAL_MAGIC and method == info.compress_type and name == encoded
+            if agrees and start + info.compress_size <= len(whole):
+                return start, start + info.compress_size
+        raise _unreadable(member, "an intact member", "its local header contradicts the directory")
 
     def __enter__(self) -> Self:
         """Itself."""
@@ -107,7 +133,7 @@ class Archive:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Close the file."""
-        self._file.close()
+        self._map.close()
 
 
 def _open(path: Path) -> zipfile.ZipFile:
@@ -128,7 +154,7 @@ def _check_layout(infos: list[zipfile.ZipInfo]) -> None:
     for info in sorted(infos, key=lambda one: one.header_offset):
         if info.header_offset < end:
             raise Refused(Problem(Code.OVERLAPPING_MEMBERS, shown(info.filename)))
-        end = info.header_offset + _LOCAL_HEADER + info.compress_size
+        end = info.header_offset + _LOCAL_HEADER.size + info.compress_size
 
 
 def _check_entry(info: zipfile.ZipInfo) -> None:

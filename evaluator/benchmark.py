@@ -30,6 +30,9 @@ DEFAULT_ENCODING = "benchmark"
 INVALID = 254
 """What `Benchmark.columns` gives for a value that an encoding does not have."""
 
+LOW_BITS = 0xFFFF
+"""Of a point's number in a file: its label; the bits above are an instance."""
+
 MAX_CLASSES = 200
 
 Name = Annotated[str, Field(min_length=1, pattern=r"^[\w.-]+$")]

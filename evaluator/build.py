@@ -11,12 +11,13 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evaluator import __version__
-from evaluator.benchmark import INVALID, UNLABELLED, Benchmark, Modality
+from evaluator.benchmark import INVALID, LOW_BITS, UNLABELLED, Benchmark, Modality
 from evaluator.errors import GroundTruthError, Refused
 from evaluator.frames import Facts, Frame, ModalityFacts, frame_name, is_comparable
 from evaluator.groundtruth import FACTS, RELEASE, PackedFrame, Release, encode_runs, labels_digest, release_digest
@@ -178,9 +179,10 @@ def _pack_all(data: Path, rows: list[Listed], benchmark: Benchmark, modality: Mo
 
 def _pack_one(data: Path, row: Listed, modality: Modality, canonical: NDArray[np.uint8]) -> _Packed:
     content, member = (data / row.path).read_bytes(), str(row.path)
-    values: NDArray[np.uint8] | NDArray[np.uint16]
+    values: NDArray[Any]
     try:
-        values = read_image(content, member) if modality.kind == "image" else read_cloud(content, member)
+        is_image = modality.kind == "image"
+        values = read_image(content, member) if is_image else read_cloud(content, member) & LOW_BITS
     except Refused as error:
         raise GroundTruthError(f"ground truth {error}") from error
     lost = (values > UNLABELLED) | (canonical[np.minimum(values, UNLABELLED)] == INVALID)

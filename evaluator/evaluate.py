@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -13,8 +14,9 @@ from numpy.typing import NDArray
 
 from evaluator import mistakes
 from evaluator.archive import Archive, Member, shown
-from evaluator.benchmark import DEFAULT_ENCODING, INVALID, Benchmark, Track
-from evaluator.confusion import VALUES, fold, pair_counts
+from evaluator.benchmark import DEFAULT_ENCODING, INVALID, LOW_BITS, Benchmark, Track
+from evaluator.buffer import Buffer
+from evaluator.confusion import VALUES, Runs, count_cloud, count_image, fold
 from evaluator.errors import Code, Problem, Refused
 from evaluator.frames import Frame
 from evaluator.labels import (
@@ -30,6 +32,9 @@ from evaluator.matching import Matched, match, match_unknown
 
 Progress = Callable[[int, int], None]
 Pair = tuple[Frame, Member]
+PART = 16
+"""Frames that a thread takes at once."""
+
 LISTED = 100
 """Problems that a report lists; all are counted."""
 
@@ -37,8 +42,20 @@ LISTED = 100
 class Truth(Protocol):
     """Where the true labels of a frame come from."""
 
-    def labels(self, track: Track, frame: Frame) -> NDArray[np.uint8]:
-        """Canonical classes, 255 for unlabelled; shape (N,)."""
+    def runs(self, track: Track, frame: Frame) -> Runs:
+        """The true labels of a frame, as runs of matrix rows."""
+
+
+NOISY = 7
+"""A PNG that takes more than a byte for so many pixels is counted as noise."""
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What a thread uses again for frame after frame: for labels, and for what kernels need beside them."""
+
+    labels: Buffer
+    spare: Buffer
 
 
 @dataclass(frozen=True)
@@ -98,26 +115,36 @@ def plan(archive: Archive, frames: Sequence[Frame] | None, task: Task) -> Matche
     return match(archive.members, frames, task.track, task.benchmark)
 
 
-def score_chunk(archive: Archive, pairs: Sequence[Pair], task: Task, truth: Truth | None = None) -> Chunk:
-    """Read some members and count them against the truth, or only check them when there is none."""
+def score_chunk(
+    archive: Archive, pairs: Sequence[Pair], task: Task, truth: Truth | None = None, memory: Memory | None = None
+) -> Chunk:
+    """Read some members and count them against the truth, or only check them when there is none.
+
+    Args:
+        archive: the opened submission.
+        pairs: which frames, and their members.
+        task: what they are checked against.
+        truth: the true labels; None to check without scoring.
+        memory: to use again; not to be shared between threads.
+    """
     columns, k = task.benchmark.columns(task.encoding), task.benchmark.k
-    names, matrices, problems = [], [], []
+    memory = memory or Memory(Buffer(), Buffer())
+    names, counted, problems = [], [], []
     seen = np.zeros(VALUES, np.int64)
     for frame, member in pairs:
         try:
-            labels = _read(archive, member, frame, task)
-            true = truth.labels(task.track, frame) if truth else np.zeros(labels.size, np.uint8)
-            pairs_seen = pair_counts(true, labels)
-            values = pairs_seen.sum(axis=0)
+            counts = _count(archive, frame, member, task, truth, memory)
+            values = counts.sum(axis=0)
             seen += values
-            _check_values(values, columns, member, task)
+            if values[columns == INVALID].any():
+                raise _out_of_range(shown(member.name), _wrong(values, columns), task)
         except Refused as refused:
             problems.append(refused.problem)
             continue
         if truth:
             names.append(frame.name)
-            matrices.append(fold(pairs_seen, columns, k))
-    confusion = np.stack(matrices) if matrices else np.zeros((0, k, k + 1), np.int64)
+            counted.append(counts)
+    confusion = fold(np.stack(counted), columns) if counted else np.zeros((0, k, k + 1), np.int64)
     return Chunk(tuple(names), confusion, seen, tuple(problems))
 
 
@@ -127,15 +154,20 @@ def in_parts(pairs: Sequence[Pair], size: int) -> Iterator[Sequence[Pair]]:
 
 
 def score_parts(
-    path: Path, parts: Iterable[Sequence[Pair]], task: Task, truth: Truth | None, *, jobs: int
+    archive: Archive, parts: Iterable[Sequence[Pair]], task: Task, truth: Truth | None, *, jobs: int
 ) -> Iterator[Chunk]:
     """Score parts of an archive in threads; chunks come in the order of their parts, whatever the number of jobs."""
+    mine = threading.local()
 
     def run(part: Sequence[Pair]) -> Chunk:
-        with open_archive(path, task.benchmark) as own:  # a zip file is read from one thread
-            return score_chunk(own, part, task, truth)
+        if not hasattr(mine, "memory"):
+            mine.memory = Memory(Buffer(), Buffer())
+        return score_chunk(archive, part, task, truth, mine.memory)
 
-    with ThreadPoolExecutor(max(1, jobs)) as pool:
+    if jobs <= 1:
+        yield from map(run, parts)
+        return
+    with ThreadPoolExecutor(jobs) as pool:
         try:
             yield from pool.map(run, parts)
         finally:
@@ -184,17 +216,18 @@ def evaluate(  # noqa: PLR0913 each is an option of the command
     """
     task.benchmark.columns(task.encoding)  # an unknown encoding is the caller's mistake, not the archive's
     try:
-        with open_archive(path, task.benchmark) as archive:
-            matched = plan(archive, frames, task)
+        archive = open_archive(path, task.benchmark)
     except Refused as refused:
         return refusal(refused.problem, task)
-    parts = list(in_parts(matched.pairs, max(1, min(16, len(matched.pairs) // max(1, jobs)))))
-    chunks, done = [], 0
-    for part, chunk in zip(parts, score_parts(path, parts, task, truth, jobs=jobs), strict=True):
-        chunks.append(chunk)
-        done += len(part)
-        if progress:
-            progress(done, len(matched.pairs))
+    with archive:
+        matched = plan(archive, frames, task)
+        parts = list(in_parts(matched.pairs, max(1, min(PART, len(matched.pairs) // max(1, jobs)))))
+        chunks, done = [], 0
+        for part, chunk in zip(parts, score_parts(archive, parts, task, truth, jobs=jobs), strict=True):
+            chunks.append(chunk)
+            done += len(part)
+            if progress:
+                progress(done, len(matched.pairs))
     outcome = conclude(matched, chunks, task)
     if frames is None:
         note = Problem(Code.CHECKED_WITHOUT_FACTS)
@@ -202,28 +235,34 @@ def evaluate(  # noqa: PLR0913 each is an option of the command
     return outcome
 
 
-def _read(archive: Archive, member: Member, frame: Frame, task: Task) -> NDArray[np.uint8]:
-    """The values of a member, shape (N,)."""
-    name, shape = shown(member.name), frame.shape or None
+def _count(  # noqa: PLR0913 a frame's whole context
+    archive: Archive, frame: Frame, member: Member, task: Task, truth: Truth | None, memory: Memory
+) -> NDArray[np.int64]:
+    """How often each value of a member meets each true row, shape (K + 1, 256)."""
+    name, shape, k = shown(member.name), frame.shape or None, task.benchmark.k
     limit = member_limit(shape) if shape else 4 * MAX_PIXELS
     if task.track.modality.kind == "image":
         if member.size > limit:  # say what it is, without reading it whole
             check_image_start(archive.start(member, HEADER_BYTES), name, shape)
-        return read_image(archive.read(member, limit), name, shape).ravel()
+        data = archive.read(member, limit)
+        size = read_image(data, name, shape, memory.labels).size
+        runs = truth.runs(task.track, frame) if truth else Runs.of_nothing(size)
+        noisy = NOISY * len(data) > size
+        return count_image(runs, memory.labels, size, k, noisy=noisy, spare=memory.spare)
     check_cloud_size(member.size, name, shape)
-    values = read_cloud(archive.read(member, limit), name, shape)
-    if values.max(initial=0) < VALUES:
-        return values.astype(np.uint8)
-    columns = task.benchmark.columns(task.encoding)
-    counted = zip(*np.unique(values, return_counts=True), strict=True)
-    wrong = {int(v): int(n) for v, n in counted if v >= VALUES or columns[v] == INVALID}
-    raise _out_of_range(name, wrong, task)
+    points = read_cloud(archive.read(member, limit), name, shape)
+    runs = truth.runs(task.track, frame) if truth else Runs.of_nothing(points.size)
+    counts = count_cloud(runs, points, k, spare=memory.spare)
+    if counts is None:
+        wrong = _wrong(np.bincount(points & LOW_BITS), task.benchmark.columns(task.encoding))
+        raise _out_of_range(name, wrong, task)
+    return counts
 
 
-def _check_values(values: NDArray[np.int64], columns: NDArray[np.uint8], member: Member, task: Task) -> None:
-    wrong = {int(v): int(values[v]) for v in np.flatnonzero(values) if columns[v] == INVALID}
-    if wrong:
-        raise _out_of_range(shown(member.name), wrong, task)
+def _wrong(values: NDArray[np.int64], columns: NDArray[np.uint8]) -> dict[int, int]:
+    """How often each value occurs that the encoding does not have."""
+    used = np.flatnonzero(values).tolist()
+    return {value: int(values[value]) for value in used if value >= VALUES or columns[value] == INVALID}
 
 
 def _out_of_range(member: str, wrong: dict[int, int], task: Task) -> Refused:

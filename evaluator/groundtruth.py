@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from evaluator.benchmark import UNLABELLED, Benchmark, Track
+from evaluator.confusion import Runs
 from evaluator.errors import GroundTruthError
 from evaluator.frames import Facts, Frame, read_facts
 
@@ -57,17 +58,9 @@ def encode_runs(labels: NDArray[np.uint8]) -> bytes:
     return flat[starts].tobytes() + lengths.astype("<u4").tobytes()
 
 
-def decode_runs(data: bytes | NDArray[np.uint8], runs: int, size: int) -> NDArray[np.uint8]:
-    """Runs as flat labels, shape (size,); the inverse of `encode_runs`.
-
-    Raises:
-        ValueError: the runs are damaged and give another number of labels, which may not fit into memory.
-    """
-    classes = np.frombuffer(data, np.uint8, runs)
-    lengths = np.frombuffer(data, "<u4", runs, offset=runs)
-    if lengths.sum(dtype=np.int64) != size:
-        raise ValueError(f"{lengths.sum(dtype=np.int64)} labels, expected {size}")
-    return np.repeat(classes, lengths)
+def decode_runs(data: bytes | NDArray[np.uint8], runs: int) -> Runs:
+    """The runs that `encode_runs` made, sharing the data's memory."""
+    return Runs(np.frombuffer(data, np.uint8, runs), np.frombuffer(data, "<u4", runs, offset=runs))
 
 
 def labels_digest(labels: NDArray[np.uint8]) -> str:
@@ -131,7 +124,11 @@ class GroundTruth:
         Returns:
             Shape (N,), row by row: canonical classes, 255 for unlabelled.
         """
-        return self._unpack(track.modality_id, self._index[track.modality_id][frame.name], frame)
+        return self.runs(track, frame).expand(prod(frame.shape))
+
+    def runs(self, track: Track, frame: Frame) -> Runs:
+        """The true labels of a frame as runs."""
+        return self._runs(track.modality_id, self._index[track.modality_id][frame.name])
 
     def verify(self) -> list[str]:
         """Unpack every frame and compare its digest; returns what is wrong, one sentence each."""
@@ -145,7 +142,7 @@ class GroundTruth:
                     wrong.append(f"{modality} frame {frame.name} is not packed")
                     continue
                 try:
-                    labels = self._unpack(modality, packed, frame)
+                    labels = self._runs(modality, packed).expand(prod(frame.shape))
                 except (ValueError, OSError) as error:
                     wrong.append(f"{modality} frame {frame.name} cannot be unpacked: {error}")
                     continue
@@ -159,10 +156,11 @@ class GroundTruth:
             wrong.append("the digest of the whole does not match")
         return wrong
 
-    def _unpack(self, modality: str, packed: PackedFrame, frame: Frame) -> NDArray[np.uint8]:
-        data = self._maps[modality][packed.offset : packed.offset + 5 * packed.runs]
-        return decode_runs(data, packed.runs, prod(frame.shape))
+    def _runs(self, modality: str, packed: PackedFrame) -> Runs:
+        return decode_runs(self._maps[modality][packed.offset : packed.offset + 5 * packed.runs], packed.runs)
 
     @cached_property
     def _maps(self) -> dict[str, NDArray[np.uint8]]:
-        return {m: np.memmap(self.folder / f"{m}.runs", np.uint8, mode="r") for m in self.release.modalities}
+        return {
+            m: np.asarray(np.memmap(self.folder / f"{m}.runs", np.uint8, mode="r")) for m in self.release.modalities
+        }

@@ -1,8 +1,8 @@
 """Compiled kernels (extra `fast`): PNG rows to labels, and labels to counts; each has a plain reference elsewhere.
 
 A label map is mostly long runs of one value, so the kernels look at eight bytes at once through a *window*: an array of
-uint64 whose element i is the eight bytes from byte i on. Signatures are explicit, so that nothing is compiled twice, and
-indices are unsigned, so that none is tested for being negative.
+uint64 whose element i is the eight bytes from byte i on. Signatures are explicit, so that nothing is compiled twice;
+indices are unsigned, so that none is tested for being negative. Buffers and windows are those of `evaluator.buffer`.
 """
 
 from __future__ import annotations
@@ -16,25 +16,23 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-PADDING = 16
-"""Bytes behind a buffer that a window may read or write, whatever stands there."""
-
 _u8, _i32, _i64, _u64 = types.uint8, types.int32, types.int64, types.uint64
 _bytes = types.Array(_u8, 1, "C")
 _window = types.Array(_u64, 1, "A", aligned=False)
-_words = types.Array(types.uint32, 1, "C")
+_words = types.Array(types.uint32, 1, "C", readonly=True)
+_frozen = types.Array(_u8, 1, "C", readonly=True)
+_lengths = types.Array(types.uint32, 1, "C", readonly=True, aligned=False)
+_pairs = types.Array(_u64, 1, "C", readonly=True, aligned=False)
 _counts = types.Array(_i64, 1, "C")
+
+HIGHEST_BIT = np.uint64(1 << 63)
+"""What `count_points` adds to its answer when a label is above 255."""
 
 _EACH_BYTE = np.uint64(0x0101010101010101)
 _OPTIONS: dict[str, Any] = {"nogil": True, "boundscheck": False, "cache": True}
 
 
-def window(buffer: NDArray[np.uint8]) -> NDArray[np.uint64]:
-    """Eight bytes from each byte on, as numbers; shape (N - 7,), sharing the buffer's memory."""
-    return np.ndarray((buffer.size - 7,), np.uint64, buffer, 0, (1,))
-
-
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def _first_set(_context: object, _value: types.Integer) -> tuple[object, object]:
     """The number of zero bits below the lowest set one."""
 
@@ -44,7 +42,7 @@ def _first_set(_context: object, _value: types.Integer) -> tuple[object, object]
     return _u64(_u64), generate
 
 
-@njit(inline="always")  # type: ignore[untyped-decorator]
+@njit(inline="always")
 def _paeth(a: int, b: int, c: int) -> int:
     """The PNG specification's predictor from left, above, and above left."""
     if b == c:
@@ -57,8 +55,8 @@ def _paeth(a: int, b: int, c: int) -> int:
     return b if distance_b <= distance_c else c
 
 
-@njit([types.void(_bytes, _window, _i64, _i64, _bytes, _window)], **_OPTIONS)  # type: ignore[untyped-decorator]
-def unfilter(  # noqa: C901, PLR0912, PLR0913, PLR0915 one loop over rows, one branch a filter
+@njit([types.void(_frozen, _window, _i64, _i64, _bytes, _window)], **_OPTIONS)
+def unfilter(
     raw: NDArray[np.uint8],
     raw_window: NDArray[np.uint64],
     height: int,
@@ -68,8 +66,8 @@ def unfilter(  # noqa: C901, PLR0912, PLR0913, PLR0915 one loop over rows, one b
 ) -> None:
     """Undo the filters of a PNG with one byte a pixel.
 
-    Where a row's residuals are zero, `up` copies the row above; `sub` repeats the pixel on the left; and `paeth` does the
-    one while left and above left are equal, the other while above and above left are.
+    Where a row's residuals are zero, `up` copies the row above, `sub` repeats the pixel on the left, and `paeth` does the
+    first while left and above left are equal, the other while above and above left are.
 
     Args:
         raw: the inflated pixel data, shape (height * (width + 1),); every filter is 0 to 4.
@@ -171,27 +169,37 @@ def unfilter(  # noqa: C901, PLR0912, PLR0913, PLR0915 one loop over rows, one b
                     at += _u64(1)
 
 
-@njit([types.void(_bytes, _words, _bytes, _window, _counts)], **_OPTIONS)  # type: ignore[untyped-decorator]
+@njit([_u64(_frozen, _lengths, _i64, _i64, _bytes, _window, _counts)], **_OPTIONS)
 def count_runs(
-    rows: NDArray[np.uint8],
+    classes: NDArray[np.uint8],
     lengths: NDArray[np.uint32],
+    k: int,
+    size: int,
     labels: NDArray[np.uint8],
     labels_window: NDArray[np.uint64],
     counts: NDArray[np.int64],
-) -> None:
+) -> int:
     """Count labels against runs of truth, a stretch of equal labels at a time.
 
     Args:
-        rows: the true row of each run, shape (R,).
+        classes: the true class of each run, 255 for unlabelled; shape (R,).
         lengths: pixels of each run, shape (R,).
+        k: the number of classes K, which is also the row of what is unlabelled.
+        size: the number of pixels N.
         labels: the values of the prediction, shape (N + PADDING,) or longer.
         labels_window: their window.
         counts: where counts are added, shape ((K + 1) * 256,).
+
+    Returns:
+        The pixels that the runs cover; the counts are of use when it is N.
     """
     at = _u64(0)
-    for run in range(_u64(rows.size)):
-        base = _u64(rows[run]) << _u64(8)
+    stop = _u64(size)
+    for run in range(_u64(classes.size)):
+        base = min(_u64(classes[run]), _u64(k)) << _u64(8)
         end = at + _u64(lengths[run])
+        if end > stop:
+            return end
         while at < end:
             value = _u64(labels[at])
             word = value * _EACH_BYTE
@@ -201,91 +209,151 @@ def count_runs(
                 at += _u64(8)
                 if at >= end:
                     break
-                while (
-                    at + _u64(32) <= end
-                    and (
-                        (labels_window[at] ^ word)
-                        | (labels_window[at + _u64(8)] ^ word)
-                        | (labels_window[at + _u64(16)] ^ word)
-                        | (labels_window[at + _u64(24)] ^ word)
-                    )
-                    == _u64(0)
-                ):
+                while at + _u64(32) <= end and (
+                    (labels_window[at] ^ word)
+                    | (labels_window[at + _u64(8)] ^ word)
+                    | (labels_window[at + _u64(16)] ^ word)
+                    | (labels_window[at + _u64(24)] ^ word)
+                ) == _u64(0):
                     at += _u64(32)
                 if at >= end:
                     break
                 differing = labels_window[at] ^ word
             if at < end:
-                at = min(at + (_first_set(differing) >> _u64(3)), end)
+                at += _first_set(differing) >> _u64(3)
             at = min(at, end)
             counts[base + value] += _i64(at - start)
+    return at
 
 
-@njit([types.void(_bytes, _words, _bytes, _counts)], **_OPTIONS)  # type: ignore[untyped-decorator]
+@njit(inline="always")
+def _expand(
+    classes: NDArray[np.uint8],
+    lengths: NDArray[np.uint32],
+    k: int,
+    size: int,
+    rows_window: NDArray[np.uint64],
+) -> int:
+    """Write the true row of each of N pixels, eight at once, shape (N + PADDING,); returns the pixels of the runs."""
+    at = _u64(0)
+    stop = _u64(size)
+    for run in range(_u64(classes.size)):
+        end = at + _u64(lengths[run])
+        if end > stop:
+            return end
+        row = min(_u64(classes[run]), _u64(k))
+        word = row * _EACH_BYTE
+        rows_window[at] = word  # most runs are short: stores cost less than a wrong guess where one ends
+        rows_window[at + _u64(8)] = word
+        rows_window[at + _u64(16)] = word
+        at += _u64(24)
+        while at < end:
+            rows_window[at] = word
+            at += _u64(8)
+        at = end
+    return at
+
+
+@njit([_u64(_frozen, _lengths, _i64, _i64, _bytes, _window, _bytes, _counts)], **_OPTIONS)
 def count_noise(
-    rows: NDArray[np.uint8], lengths: NDArray[np.uint32], labels: NDArray[np.uint8], counts: NDArray[np.int64]
-) -> None:
+    classes: NDArray[np.uint8],
+    lengths: NDArray[np.uint32],
+    k: int,
+    size: int,
+    rows: NDArray[np.uint8],
+    rows_window: NDArray[np.uint64],
+    labels: NDArray[np.uint8],
+    counts: NDArray[np.int64],
+) -> int:
     """Count labels that hardly ever repeat: pixel by pixel, into four tables in turn, so that none waits for itself.
 
     Args:
-        rows: the true row of each run, shape (R,).
-        lengths: pixels of each run, shape (R,).
+        classes: as in `count_runs`.
+        lengths: as in `count_runs`.
+        k: the number of classes K.
+        size: the number of pixels N.
+        rows: memory for the true rows, shape (N + PADDING,) or longer.
+        rows_window: its window.
         labels: the values of the prediction, shape (N,) or longer.
         counts: where counts are added, shape (4 * (K + 1) * 256,); the four tables are to be summed.
-    """
-    size = _u64(counts.size >> 2)
-    at = _u64(0)
-    for run in range(_u64(rows.size)):
-        base = _u64(rows[run]) << _u64(8)
-        end = at + _u64(lengths[run])
-        while at + _u64(4) <= end:
-            counts[base + _u64(labels[at])] += 1
-            counts[size + base + _u64(labels[at + _u64(1)])] += 1
-            counts[size + size + base + _u64(labels[at + _u64(2)])] += 1
-            counts[size + size + size + base + _u64(labels[at + _u64(3)])] += 1
-            at += _u64(4)
-        while at < end:
-            counts[base + _u64(labels[at])] += 1
-            at += _u64(1)
-
-
-@njit([_u64(_bytes, _words, _words, _counts)], **_OPTIONS)  # type: ignore[untyped-decorator]
-def count_points(
-    rows: NDArray[np.uint8], lengths: NDArray[np.uint32], labels: NDArray[np.uint32], counts: NDArray[np.int64]
-) -> int:
-    """Count the labels of a cloud against runs of truth.
-
-    Args:
-        rows: the true row of each run, shape (R,).
-        lengths: points of each run, shape (R,).
-        labels: as the file has them, of which the lower 16 bits count; shape (N,).
-        counts: where counts are added, shape ((K + 1) * 256,).
 
     Returns:
-        Zero when every label is below 256; else the counts are of no use.
+        The pixels that the runs cover; the counts are of use when it is N.
     """
+    covered = _expand(classes, lengths, k, size, rows_window)
+    if covered != _u64(size):
+        return covered
+    table = _u64(counts.size >> 2)
+    at = _u64(0)
+    while at + _u64(4) <= covered:
+        counts[(_u64(rows[at]) << _u64(8)) + _u64(labels[at])] += 1
+        at += _u64(1)
+        counts[table + (_u64(rows[at]) << _u64(8)) + _u64(labels[at])] += 1
+        at += _u64(1)
+        counts[table + table + (_u64(rows[at]) << _u64(8)) + _u64(labels[at])] += 1
+        at += _u64(1)
+        counts[table + table + table + (_u64(rows[at]) << _u64(8)) + _u64(labels[at])] += 1
+        at += _u64(1)
+    while at < covered:
+        counts[(_u64(rows[at]) << _u64(8)) + _u64(labels[at])] += 1
+        at += _u64(1)
+    return covered
+
+
+@njit([_u64(_frozen, _lengths, _i64, _i64, _bytes, _window, _words, _pairs, _counts)], **_OPTIONS)
+def count_points(
+    classes: NDArray[np.uint8],
+    lengths: NDArray[np.uint32],
+    k: int,
+    size: int,
+    rows: NDArray[np.uint8],
+    rows_window: NDArray[np.uint64],
+    points: NDArray[np.uint32],
+    pairs: NDArray[np.uint64],
+    counts: NDArray[np.int64],
+) -> int:
+    """Count the labels of a cloud, in which runs are short, as `count_noise` does.
+
+    Args:
+        classes: as in `count_runs`.
+        lengths: as in `count_runs`.
+        k: the number of classes K.
+        size: the number of points N.
+        rows: memory for the true rows, shape (N + PADDING,) or longer.
+        rows_window: its window.
+        points: as the file has them, of which the lower 16 bits are the label; shape (N,).
+        pairs: the same memory, two points a number; shape (N // 2,).
+        counts: where counts are added, shape (4 * (K + 1) * 256,); the four tables are to be summed.
+
+    Returns:
+        The points that the runs cover, with the highest bit set when a label is above 255; the counts are of use when
+        it is N.
+    """
+    covered = _expand(classes, lengths, k, size, rows_window)
+    if covered != _u64(size):
+        return covered
+    table = _u64(counts.size >> 2)
+    low = _u64(0xFFFF)
+    byte = _u64(0xFF)
     over = _u64(0)
     at = _u64(0)
-    for run in range(_u64(rows.size)):
-        base = _u64(rows[run]) << _u64(8)
-        end = at + _u64(lengths[run])
-        while at + _u64(4) <= end:
-            a = _u64(labels[at]) & _u64(0xFFFF)
-            b = _u64(labels[at + _u64(1)]) & _u64(0xFFFF)
-            c = _u64(labels[at + _u64(2)]) & _u64(0xFFFF)
-            d = _u64(labels[at + _u64(3)]) & _u64(0xFFFF)
-            over |= a | b | c | d
-            if a == b and b == c and c == d:
-                counts[base + (a & _u64(255))] += 4
-            else:
-                counts[base + (a & _u64(255))] += 1
-                counts[base + (b & _u64(255))] += 1
-                counts[base + (c & _u64(255))] += 1
-                counts[base + (d & _u64(255))] += 1
-            at += _u64(4)
-        while at < end:
-            a = _u64(labels[at]) & _u64(0xFFFF)
-            over |= a
-            counts[base + (a & _u64(255))] += 1
-            at += _u64(1)
-    return over >> _u64(8)
+    while at + _u64(8) <= covered:  # eight rows in a word, two points in a word
+        row = rows_window[at] << _u64(8)
+        spread = _u64(0xFF00)
+        for half in range(2):
+            first = pairs[(at >> _u64(1)) + _u64(2 * half)]
+            second = pairs[(at >> _u64(1)) + _u64(2 * half + 1)]
+            over |= first | second
+            counts[((row) & spread) + (first & byte)] += 1
+            counts[table + ((row >> _u64(8)) & spread) + ((first >> _u64(32)) & byte)] += 1
+            counts[table + table + ((row >> _u64(16)) & spread) + (second & byte)] += 1
+            counts[table + table + table + ((row >> _u64(24)) & spread) + ((second >> _u64(32)) & byte)] += 1
+            row = rows_window[at + _u64(4)] << _u64(8)
+        at += _u64(8)
+    over = (over | (over >> _u64(32))) & low
+    while at < covered:
+        a = _u64(points[at]) & low
+        over |= a
+        counts[(_u64(rows[at]) << _u64(8)) + (a & byte)] += 1
+        at += _u64(1)
+    return covered if over < _u64(256) else covered | HIGHEST_BIT

@@ -7,7 +7,6 @@ import socket
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from datetime import timedelta
-from pathlib import Path
 from uuid import UUID
 
 import numpy as np
@@ -19,6 +18,7 @@ from app.submissions.lifecycle import Stage, State
 from app.submissions.models import Chunk, Evaluation, Score, Submission
 from app.wiring import Wired
 from evaluator import __version__
+from evaluator.archive import Archive
 from evaluator.errors import Problem, Refused
 from evaluator.evaluate import LISTED, Outcome, Task, conclude, open_archive, plan, refusal, score_parts
 from evaluator.evaluate import Chunk as Counted
@@ -81,19 +81,26 @@ def _score(wired: Wired, held: Claim, stop: Callable[[], None]) -> None:
         raise FileNotFoundError(submission.id)
     with wired.storage.local(submission.upload_key) as path:
         try:
-            with open_archive(path, benchmark) as archive:
-                matched = plan(archive, truth.frames(track), task)
+            archive = open_archive(path, benchmark)
         except Refused as refused:
             _finish(wired, held, refusal(refused.problem, task), task)
             return
-        _score_chunks(wired, held, path, matched, task, truth, stop)
+        with archive:
+            matched = plan(archive, truth.frames(track), task)
+            _score_chunks(wired, held, archive, matched, task, truth, stop)
     with wired.db.read() as session:
         chunks = [_restore(row, benchmark.k) for row in session.scalars(_chunks_of(held.evaluation_id))]
     _finish(wired, held, conclude(matched, chunks, task), task)
 
 
 def _score_chunks(  # noqa: PLR0913 one evaluation's whole context
-    wired: Wired, held: Claim, path: Path, matched: Matched, task: Task, truth: GroundTruth, stop: Callable[[], None]
+    wired: Wired,
+    held: Claim,
+    archive: Archive,
+    matched: Matched,
+    task: Task,
+    truth: GroundTruth,
+    stop: Callable[[], None],
 ) -> None:
     """Count the chunks that no earlier attempt has stored, and store each in its own transaction."""
     with wired.db.begin() as session:
@@ -102,7 +109,7 @@ def _score_chunks(  # noqa: PLR0913 one evaluation's whole context
         write(session, held, frames_total=len(matched.pairs), frames_done=done, evaluator=__version__)
     missing = list(_missing(stored, len(matched.pairs), wired.settings.chunk_frames))
     parts = [matched.pairs[one.start : one.stop] for one in missing]
-    counted = score_parts(path, parts, task, truth, jobs=wired.settings.scoring_threads)
+    counted = score_parts(archive, parts, task, truth, jobs=wired.settings.scoring_threads)
     for one, chunk in zip(missing, counted, strict=True):
         stop()
         done += len(one)

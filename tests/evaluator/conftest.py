@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 import struct
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +22,7 @@ from PIL import Image
 
 from evaluator.benchmark import Benchmark, load
 from evaluator.build import build
+from evaluator.compiled import PLAIN, kernels, libdeflate
 from evaluator.demo import write_demo
 from evaluator.evaluate import Outcome, Task, evaluate
 from evaluator.groundtruth import GroundTruth
@@ -169,6 +172,28 @@ def pack(benchmark: Benchmark, data: Path, out: Path, **options: Any) -> Planted
     """A planted data set with its release."""
     build(data, data / "splits", out, benchmark, **options)
     return Planted(benchmark, data, data / "splits", GroundTruth(out, benchmark))
+
+
+@pytest.fixture(scope="module", params=["compiled", "plain"])
+def either_path(request: pytest.FixtureRequest) -> Iterator[str]:
+    """Run a module's tests with the extra `fast` and without it."""
+    before = os.environ.get(PLAIN)
+    if request.param == "compiled" and (before or find_spec("numba") is None or find_spec("deflate") is None):
+        pytest.skip("the extra `fast` is not installed, or not wanted here")
+    if request.param == "plain":
+        os.environ[PLAIN] = "1"
+    forget()
+    yield request.param
+    os.environ.pop(PLAIN, None)
+    if before:
+        os.environ[PLAIN] = before
+    forget()
+
+
+def forget() -> None:
+    """Have the next caller look again at what is installed and wanted."""
+    kernels.cache_clear()
+    libdeflate.cache_clear()
 
 
 @pytest.fixture(scope="session")

@@ -25,6 +25,8 @@ from evaluator.report import results
 if TYPE_CHECKING:
     from tests.evaluator.conftest import Make, Planted
 
+pytestmark = pytest.mark.usefixtures("either_path")
+
 
 TRACKS = list(load().all_tracks)
 SHIFTS = ["summer-to-summer", "winter-to-summer", "karawatha-to-karawatha", "venman-to-karawatha"]

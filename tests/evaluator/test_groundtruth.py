@@ -35,7 +35,7 @@ def test_runs_give_back_the_labels_that_they_were_made_from(labels: NDArray[np.u
     data = encode_runs(labels)
     runs = len(data) // 5
     assert runs == int(np.count_nonzero(np.diff(labels.ravel()))) + bool(labels.size)
-    found = decode_runs(data, runs, labels.size)
+    found = decode_runs(data, runs).expand(labels.size)
     assert found.dtype == np.uint8
     np.testing.assert_array_equal(found, labels.ravel())
 
@@ -46,7 +46,7 @@ def test_runs_are_the_classes_and_then_the_lengths() -> None:
 
 def test_runs_that_give_another_number_of_labels_are_refused_before_memory_is_taken() -> None:
     with pytest.raises(ValueError, match="^4294967295 labels, expected 3$"):
-        decode_runs(b"\x07" + b"\xff" * 4, 1, 3)
+        decode_runs(b"\x07" + b"\xff" * 4, 1).expand(3)
 
 
 def test_the_digest_of_labels_is_that_of_their_bytes_row_by_row() -> None:

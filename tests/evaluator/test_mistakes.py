@@ -13,6 +13,9 @@ from evaluator.benchmark import Benchmark
 from evaluator.errors import HINTS, Code, Problem
 from evaluator.mistakes import explain, other_encoding
 
+pytestmark = pytest.mark.usefixtures("either_path")
+
+
 ONE_TOO_HIGH = "0 seems to be 'unlabelled' here and every index one too high: subtract 1, and write 255 where it was 0."
 RAW = "These labels look like 'raw19': send them again with labels=raw19."
 

@@ -17,6 +17,8 @@ from evaluator.evaluate import Outcome, evaluate
 if TYPE_CHECKING:
     from tests.evaluator.conftest import Make, Planted
 
+pytestmark = pytest.mark.usefixtures("either_path")
+
 
 Said = dict[str, str | None]
 """A problem or a warning as JSON."""
