@@ -82,13 +82,13 @@ check: install-dev ## Format, lint, types, import contracts, dead code, dependen
 
 .PHONY: bench
 bench: ## Measure scoring, where there is something to measure
-	@if [ -f performance/scoring.py ]; then $(MAKE) install-dev && $(BIN)/python performance/scoring.py; \
+	@if [ -f performance/scoring.py ]; then $(MAKE) install-dev && $(BIN)/python -m performance.scoring --full --write; \
 	else echo "no benchmark yet: performance/scoring.py does not exist"; fi
 
 .PHONY: lock
 lock: $(VENV)/.uv ## Pin every dependency with its hashes; `make lock UPGRADE=--upgrade` takes the newest
 	@$(COMPILE) $(UPGRADE) --group installer -o requirements-uv.lock
-	@$(COMPILE) $(UPGRADE) pyproject.toml --extra server --group build -o requirements.lock
+	@$(COMPILE) $(UPGRADE) pyproject.toml --extra server --extra fast --group build -o requirements.lock
 	@$(COMPILE) $(UPGRADE) pyproject.toml --all-extras --group dev -c requirements.lock -o requirements-dev.lock
 	@$(COMPILE) $(UPGRADE) --group numpy1 --no-deps -o requirements-numpy1.lock
 	@! grep -nE '://|--index|find-links|@ ' requirements*.lock

@@ -11,7 +11,8 @@ PADDING = 32
 
 def window(memory: NDArray[np.uint8]) -> NDArray[np.uint64]:
     """The eight bytes from each byte on, as numbers: shape (N - 7,) for shape (N,), sharing its memory."""
-    return np.ndarray((memory.size - 7,), np.uint64, memory, 0, (1,))
+    made: NDArray[np.uint64] = np.ndarray((memory.size - 7,), np.uint64, memory, 0, (1,))
+    return made
 
 
 class Buffer:

@@ -1,4 +1,4 @@
-"""The compiled code of the extra `fast`, where it is installed; loaded when it is first needed, as that takes a while."""
+"""The compiled code of the extra `fast`, where it is installed; loaded when it is first needed, as it takes a while."""
 
 from __future__ import annotations
 

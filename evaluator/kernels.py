@@ -66,8 +66,8 @@ def unfilter(
 ) -> None:
     """Undo the filters of a PNG with one byte a pixel.
 
-    Where a row's residuals are zero, `up` copies the row above, `sub` repeats the pixel on the left, and `paeth` does the
-    first while left and above left are equal, the other while above and above left are.
+    Where a row's residuals are zero, `up` copies the row above, `sub` repeats the pixel on the left, and `paeth` does
+    the first while left and above left are equal, the other while above and above left are.
 
     Args:
         raw: the inflated pixel data, shape (height * (width + 1),); every filter is 0 to 4.

@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import re
 import secrets
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from uuid import UUID
 
 from sqlalchemy import select
+from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.accounts.models import Membership, Person, Role, Scope, Team, Token, WebSession
@@ -17,6 +19,7 @@ from app.database import Database
 from app.errors import Conflict, Invalid, NotFound, Unauthenticated
 
 TOKEN_PREFIX = "wsc_"  # noqa: S105 what tokens begin with, so that one is recognised where it leaks
+TRIES = 5
 SESSION_TIME = timedelta(days=14)
 _EMAIL = re.compile(r"[^@\s\x00-\x1f]{1,64}@[^@\s\x00-\x1f]{1,189}")
 
@@ -55,6 +58,13 @@ def create_person(db: Database, *, email: str, role: Role, name: str | None = No
     if not _EMAIL.fullmatch(email):
         raise Invalid(f"{email!r} is no e-mail address")
     name = (name or email.partition("@")[0])[:90]
+    for _ in range(TRIES):
+        with suppress(IntegrityError):  # somebody took the address or the team's name in the same moment: look again
+            return _insert_person(db, email=email, role=role, name=name, now=now)
+    raise Conflict(f"{email} cannot be made just now; try again")
+
+
+def _insert_person(db: Database, *, email: str, role: Role, name: str, now: datetime) -> Person:
     with db.begin() as session:
         if session.scalar(select(Person).where(Person.email == email)):
             raise Conflict(f"{email} exists already")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from datetime import datetime
 from uuid import UUID, uuid4
 
-from sqlalchemy import String, Text, UniqueConstraint
+from sqlalchemy import Index, String, Text, UniqueConstraint, text
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.database import Base, UtcDateTime
@@ -15,7 +15,16 @@ class GroundTruthRelease(Base):
     """A packed release: its public facts are here, its labels only where the workers are."""
 
     __tablename__ = "groundtruth_releases"
-    __table_args__ = (UniqueConstraint("benchmark", "digest"),)
+    __table_args__ = (
+        UniqueConstraint("benchmark", "digest"),
+        Index(
+            "uq_groundtruth_releases_current",
+            "benchmark",
+            unique=True,
+            postgresql_where=text("current"),
+            sqlite_where=text("current"),
+        ),
+    )
 
     id: Mapped[UUID] = mapped_column(primary_key=True, default=uuid4)
     benchmark: Mapped[str] = mapped_column(String(100))

@@ -29,6 +29,14 @@ def upgrade() -> None:
         sa.PrimaryKeyConstraint("id", name=op.f("pk_groundtruth_releases")),
         sa.UniqueConstraint("benchmark", "digest", name=op.f("uq_groundtruth_releases_benchmark_digest")),
     )
+    op.create_index(
+        "uq_groundtruth_releases_current",
+        "groundtruth_releases",
+        ["benchmark"],
+        unique=True,
+        postgresql_where=sa.text("current"),
+        sqlite_where=sa.text("current"),
+    )
     op.create_table(
         "people",
         sa.Column("id", sa.Uuid(), nullable=False),

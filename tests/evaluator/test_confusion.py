@@ -38,7 +38,7 @@ def unzip(stretches: Stretches) -> tuple[Runs, NDArray[np.uint8]]:
 def loop(runs: Runs, labels: NDArray[np.uint8]) -> NDArray[np.int64]:
     expected = np.zeros((K + 1, 256), np.int64)
     for true, value in zip(np.repeat(runs.classes, runs.lengths), labels, strict=True):
-        expected[min(true, K), value] += 1
+        expected[min(int(true), K), value] += 1
     return expected
 
 
@@ -109,7 +109,9 @@ def test_a_matrix_has_a_row_a_class_a_column_a_class_and_one_for_void(stretches:
 
 
 @given(encoded, encoded)
-def test_matrices_are_folded_frame_by_frame_and_add_up_to_that_of_the_whole(first: Stretches, second: Stretches) -> None:
+def test_matrices_are_folded_frame_by_frame_and_add_up_to_that_of_the_whole(
+    first: Stretches, second: Stretches
+) -> None:
     counts = [reference_counts(*unzip(part), K) for part in (first, second, first + second)]
     folded = fold(np.stack(counts), COLUMNS)
     for one, alone in zip(folded, counts, strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import zlib
 
 import pytest
@@ -28,7 +29,7 @@ def test_a_member_comes_back_whatever_its_level(data: bytes, level: int) -> None
 def test_pixel_data_comes_back_however_it_is_cut(data: bytes, level: int, cuts: list[int]) -> None:
     whole = zlib.compress(data, level)
     ends = sorted({min(cut, len(whole)) for cut in cuts} | {0, len(whole)})
-    parts = [whole[a:b] for a, b in zip(ends, ends[1:], strict=False)]
+    parts = [whole[a:b] for a, b in itertools.pairwise(ends)]
     assert inflate_pixels(parts, len(data)) == data
 
 
