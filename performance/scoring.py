@@ -256,7 +256,7 @@ def report(rows: list[Row], alone: dict[str, float], full: dict[str, tuple[float
         "",
         "Made by `make bench`. Each comparison runs both sides on the same zip in one process, alternating, warm, with",
         f"one thread unless it says otherwise; the figure is the median of {count} pairs' ratios, the best pair's",
-        "beside it. Label maps are 2016x1512, clouds 86,000 points, both synthetic (`performance/data.py`); the baselines are",
+        "beside it. Label maps are 2016x1512, clouds 86,000 points, both synthetic (`performance/data.py`). Peers are",
         "written from the description of each kit (`performance/peers.py`).",
         "",
         "| what | median | best pair | held to | |",
