@@ -32,7 +32,7 @@ from evaluator.matching import Matched, match, match_unknown
 
 Progress = Callable[[int, int], None]
 Pair = tuple[Frame, Member]
-PART = 16
+PART = 8
 """Frames that a thread takes at once."""
 
 LISTED = 100
