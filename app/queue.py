@@ -31,6 +31,7 @@ def make_celery(settings: Settings) -> Celery:
         "worker_prefetch_multiplier": 1,
         "worker_cancel_long_running_tasks_on_connection_loss": False,
         "worker_hijack_root_logger": False,
+        "worker_proc_alive_timeout": 60,  # a child first compiles or loads its kernels
         "broker_connection_retry_on_startup": True,
         "broker_transport_options": {
             "visibility_timeout": 24 * 3600,  # far above the longest task: the sweeper is who re-sends

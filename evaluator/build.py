@@ -3,49 +3,25 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
-import os
-import shutil
-import tempfile
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from evaluator import __version__
-from evaluator.benchmark import INVALID, LOW_BITS, UNLABELLED, Benchmark, Modality
-from evaluator.errors import GroundTruthError, Refused
+from evaluator.benchmark import UNLABELLED, Benchmark
+from evaluator.errors import GroundTruthError
 from evaluator.frames import Facts, Frame, ModalityFacts, frame_name, is_comparable
-from evaluator.groundtruth import FACTS, RELEASE, PackedFrame, Release, encode_runs, labels_digest, release_digest
-from evaluator.labels import read_cloud, read_image
+from evaluator.groundtruth import FACTS, RELEASE, PackedFrame, Release, release_digest
+from evaluator.packing import Entry, Listed, pack_labels
 
 SPLITS = ("train", "val", "test")
 SHOWN = 5
 """Files that an error lists."""
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True)
-class Listed:
-    """A row of a split file."""
-
-    name: str
-    sequence: str
-    split: str
-    path: Path
-
-
-@dataclass(frozen=True)
-class _Packed:
-    listed: Listed
-    shape: tuple[int, ...]
-    counts: NDArray[np.int64]
-    runs: bytes
-    sha256: str
 
 
 def read_splits(folder: Path, benchmark: Benchmark) -> dict[str, list[Listed]]:
@@ -80,6 +56,8 @@ def build(  # noqa: PLR0913 each is an option of the command
 ) -> Release:
     """Pack the val and test labels of a data set; the train labels, where they are at hand, give the class shares.
 
+    A run that breaks off leaves a folder `.<out>.partial`; the same call goes on from there.
+
     Args:
         data: the root that the paths of the split files start from.
         splits: the folder of the split files.
@@ -96,36 +74,27 @@ def build(  # noqa: PLR0913 each is an option of the command
         raise GroundTruthError(f"{out} is not empty")
     listed = read_splits(splits, benchmark)
     wanted = {m: _present(data, rows) for m, rows in listed.items()}
-    total, done = sum(map(len, wanted.values())), 0
-    out.parent.mkdir(parents=True, exist_ok=True)
-    work = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
-    try:
-        packed: dict[str, list[tuple[Frame, PackedFrame]]] = {}
-        counts: dict[str, dict[tuple[str, str], NDArray[np.int64]]] = {}
-        for modality_id, rows in wanted.items():
-            packed[modality_id], counts[modality_id] = [], {}
-            with (work / f"{modality_id}.runs").open("wb") as file:
-                for one in _pack_all(data, rows, benchmark, benchmark.modalities[modality_id]):
-                    key = (one.listed.split, one.listed.sequence)
-                    counts[modality_id][key] = counts[modality_id].get(key, 0) + one.counts
-                    if one.listed.split != "train":
-                        packed[modality_id].append(_write(file.tell(), one))
-                        file.write(one.runs)
-                    done += 1
-                    if progress:
-                        progress(done, total)
-                file.flush()
-                os.fsync(file.fileno())
-        if not allow_absent:
-            _check_absent(benchmark, counts)
-        release = _write_manifest(work, benchmark, packed, counts, data, is_open=is_open)
-        if out.exists():
-            out.rmdir()
-        work.chmod(0o755)
-        work.rename(out)
-    except BaseException:
-        shutil.rmtree(work, ignore_errors=True)
-        raise
+    total, done = sum(map(len, wanted.values())), itertools.count(1)
+
+    def step() -> None:
+        if progress:
+            progress(next(done), total)
+
+    work = out.with_name(f".{out.name}.partial")  # stays when it breaks off, for the next run to go on with
+    work.mkdir(parents=True, exist_ok=True)
+    for left in set(work.iterdir()) - {work / f"{m}.{kind}" for m in wanted for kind in ("runs", "journal")}:
+        left.unlink()
+    entries = {m: pack_labels(data, rows, benchmark, m, work, step) for m, rows in wanted.items()}
+    counts = {m: _sums(one) for m, one in entries.items()}
+    if not allow_absent:
+        _check_absent(benchmark, counts)
+    packed = {m: [_described(entry) for entry in one if entry.split != "train"] for m, one in entries.items()}
+    release = _write_manifest(work, benchmark, packed, counts, data, is_open=is_open)
+    for modality_id in entries:
+        (work / f"{modality_id}.journal").unlink()
+    if out.exists():
+        out.rmdir()
+    work.rename(out)
     return release
 
 
@@ -164,42 +133,21 @@ def _present(data: Path, rows: list[Listed]) -> list[Listed]:
     return rows
 
 
-def _pack_all(data: Path, rows: list[Listed], benchmark: Benchmark, modality: Modality) -> Iterator[_Packed]:
-    columns = benchmark.columns(modality.groundtruth_encoding)
-    canonical = np.where(columns == benchmark.k, np.uint8(UNLABELLED), columns)
-    threads = os.cpu_count() or 1
-    with ThreadPoolExecutor(threads) as pool:
-        for start in range(0, len(rows), 8 * threads):  # few at a time: a frame is megabytes
-
-            def pack_row(row: Listed) -> _Packed:
-                return _pack_one(data, row, modality, canonical)
-
-            yield from pool.map(pack_row, rows[start : start + 8 * threads])
-
-
-def _pack_one(data: Path, row: Listed, modality: Modality, canonical: NDArray[np.uint8]) -> _Packed:
-    content, member = (data / row.path).read_bytes(), str(row.path)
-    values: NDArray[Any]
-    try:
-        is_image = modality.kind == "image"
-        values = read_image(content, member) if is_image else read_cloud(content, member) & LOW_BITS
-    except Refused as error:
-        raise GroundTruthError(f"ground truth {error}") from error
-    lost = (values > UNLABELLED) | (canonical[np.minimum(values, UNLABELLED)] == INVALID)
-    if lost.any():
-        found = ", ".join(f"{v} ({n} times)" for v, n in zip(*np.unique(values[lost], return_counts=True), strict=True))
-        raise GroundTruthError(f"{row.path}: values outside encoding {modality.groundtruth_encoding!r}: {found}")
-    labels = canonical[values]
-    counts = np.bincount(labels.ravel(), minlength=256)
-    return _Packed(row, labels.shape, counts, encode_runs(labels), labels_digest(labels))
-
-
-def _write(offset: int, one: _Packed) -> tuple[Frame, PackedFrame]:
-    row = one.listed
+def _described(entry: Entry) -> tuple[Frame, PackedFrame]:
     return (
-        Frame(name=row.name, sequence=row.sequence, split=row.split, shape=one.shape),
-        PackedFrame(name=row.name, offset=offset, runs=len(one.runs) // 5, sha256=one.sha256),
+        Frame(name=entry.name, sequence=entry.sequence, split=entry.split, shape=entry.shape),
+        PackedFrame(name=entry.name, offset=entry.offset, runs=entry.runs, sha256=entry.sha256),
     )
+
+
+def _sums(entries: list[Entry]) -> dict[tuple[str, str], NDArray[np.int64]]:
+    """Pixels or points of each class, shape (256,), by split and sequence."""
+    sums: dict[tuple[str, str], NDArray[np.int64]] = {}
+    for entry in entries:
+        held = sums.setdefault((entry.split, entry.sequence), np.zeros(256, np.int64))
+        for value, count in entry.counts.items():
+            held[value] += count
+    return sums
 
 
 def _check_absent(benchmark: Benchmark, counts: dict[str, dict[tuple[str, str], NDArray[np.int64]]]) -> None:

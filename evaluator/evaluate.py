@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from math import prod
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from evaluator import mistakes
+from evaluator import compiled, mistakes
 from evaluator.archive import Archive, Member, shown
 from evaluator.benchmark import DEFAULT_ENCODING, INVALID, LOW_BITS, Benchmark, Track
 from evaluator.buffer import Buffer
@@ -154,9 +155,10 @@ def in_parts(pairs: Sequence[Pair], size: int) -> Iterator[Sequence[Pair]]:
 
 
 def score_parts(
-    archive: Archive, parts: Iterable[Sequence[Pair]], task: Task, truth: Truth | None, *, jobs: int
+    archive: Archive, parts: Sequence[Sequence[Pair]], task: Task, truth: Truth | None, *, jobs: int
 ) -> Iterator[Chunk]:
     """Score parts of an archive in threads; chunks come in the order of their parts, whatever the number of jobs."""
+    compiled.load(sum(prod(frame.shape) for part in parts for frame, _ in part))
     mine = threading.local()
 
     def run(part: Sequence[Pair]) -> Chunk:

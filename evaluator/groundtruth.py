@@ -21,7 +21,11 @@ RELEASE, FACTS = "release.json", "facts.json"
 
 
 class PackedFrame(BaseModel):
-    """Where the labels of a frame lie in its modality's file, and their SHA-256 once they are unpacked."""
+    """Where the labels of a frame lie in its modality's file, and their SHA-256 once they are unpacked.
+
+    `strata` has room for more runs of the same frame (offset and number by name), in which a stratum's value stands for
+    each pixel or point: its distance band, how sure its label is. No release has any yet.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -29,6 +33,7 @@ class PackedFrame(BaseModel):
     offset: int
     runs: int
     sha256: str
+    strata: dict[str, tuple[int, int]] = {}
 
 
 class Release(BaseModel):

@@ -20,6 +20,9 @@ class ClassScore:
     f1: Fraction | None
 
 
+UNDEFINED = ClassScore(None, None, None, None)
+
+
 @dataclass(frozen=True)
 class Scores:
     """The figures of one track, over its scored classes in canonical order."""
@@ -59,7 +62,7 @@ def score(confusion: NDArray[np.int64], scored: Sequence[int], *, dash_absent: b
         confusion: counts, shape (K, K + 1); rows are true classes, the last column is void.
         scored: canonical indices of the scored classes, ascending.
         dash_absent: whether a class without ground truth is undefined even where it was predicted (practice tracks
-            and breakdowns); else its IoU is then 0.
+            and breakdowns); else its IoU, precision and F1 are then 0.
 
     Source:
         Everingham et al., The PASCAL VOC Challenge: A Retrospective, IJCV 2015, section 4.2 (IoU);
@@ -70,8 +73,10 @@ def score(confusion: NDArray[np.int64], scored: Sequence[int], *, dash_absent: b
     predicted = [int(n) for n in table[:, :-1].sum(axis=0)]
     hits = [int(n) for n in table[:, :-1].diagonal()]
     classes = {
-        index: ClassScore(
-            iou=None if dash_absent and not row else _ratio(tp, row + column - tp),
+        index: UNDEFINED
+        if dash_absent and not row
+        else ClassScore(
+            iou=_ratio(tp, row + column - tp),
             precision=_ratio(tp, column),
             recall=_ratio(tp, row),
             f1=_ratio(2 * tp, row + column),

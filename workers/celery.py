@@ -16,6 +16,7 @@ from app.queue import SCORING, make_celery
 from app.settings import Settings
 from app.submissions.sweeper import sweep
 from app.wiring import Wired, wire
+from evaluator import compiled
 
 log = structlog.get_logger()
 
@@ -40,6 +41,12 @@ def wired() -> Wired:
 def drain(**_: Any) -> None:  # noqa: ANN401 Celery's signal
     """Ask the children to give back what they work on."""
     draining.set()
+
+
+@signals.worker_process_init.connect
+def warm_up(**_: Any) -> None:  # noqa: ANN401 Celery's signal
+    """Have a child load its kernels before it has work; after the fork, as threads do not survive one."""
+    compiled.load()
 
 
 @signals.worker_ready.connect

@@ -20,9 +20,9 @@ from hypothesis import settings
 from numpy.typing import ArrayLike, NDArray
 from PIL import Image
 
+from evaluator import compiled
 from evaluator.benchmark import Benchmark, load
 from evaluator.build import build
-from evaluator.compiled import PLAIN, kernels, libdeflate
 from evaluator.demo import write_demo
 from evaluator.evaluate import Outcome, Task, evaluate
 from evaluator.groundtruth import GroundTruth
@@ -177,23 +177,18 @@ def pack(benchmark: Benchmark, data: Path, out: Path, **options: Any) -> Planted
 @pytest.fixture(scope="module", params=["compiled", "plain"])
 def either_path(request: pytest.FixtureRequest) -> Iterator[str]:
     """Run a module's tests with the extra `fast` and without it."""
-    before = os.environ.get(PLAIN)
+    before = os.environ.get(compiled.PLAIN)
     if request.param == "compiled" and (before or find_spec("numba") is None or find_spec("deflate") is None):
         pytest.skip("the extra `fast` is not installed, or not wanted here")
     if request.param == "plain":
-        os.environ[PLAIN] = "1"
-    forget()
+        os.environ[compiled.PLAIN] = "1"
+    compiled.forget()
+    compiled.load()
     yield request.param
-    os.environ.pop(PLAIN, None)
+    os.environ.pop(compiled.PLAIN, None)
     if before:
-        os.environ[PLAIN] = before
-    forget()
-
-
-def forget() -> None:
-    """Have the next caller look again at what is installed and wanted."""
-    kernels.cache_clear()
-    libdeflate.cache_clear()
+        os.environ[compiled.PLAIN] = before
+    compiled.forget()
 
 
 @pytest.fixture(scope="session")
