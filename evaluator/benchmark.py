@@ -8,12 +8,25 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from evaluator.definition import (
+    MAX_CLASSES,
+    Baseline,
+    Encoding,
+    Limits,
+    Modality,
+    Name,
+    Part,
+    Protocol,
+    SemanticClass,
+    Sequence,
+    TrackEntry,
+)
 from evaluator.errors import BenchmarkError
 
 if sys.version_info >= (3, 11):
@@ -32,121 +45,6 @@ INVALID = 254
 
 LOW_BITS = 0xFFFF
 """Of a point's number in a file: its label; the bits above are an instance."""
-
-MAX_CLASSES = 200
-
-Name = Annotated[str, Field(min_length=1, pattern=r"^[\w.-]+$")]
-Channel = Annotated[int, Field(ge=0, le=255)]
-
-
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
-
-
-class MergedClass(_Part):
-    """An annotated class that is scored as part of another one."""
-
-    name: Name
-    pixels: int
-    definition: str
-
-
-class SemanticClass(_Part):
-    """One class of the canonical space; `pixels` counts its annotated pixels in the 2D data set."""
-
-    name: Name
-    color: tuple[Channel, Channel, Channel]
-    definition: str = ""
-    pixels: int | None = None
-    merged: tuple[MergedClass, ...] = ()
-
-
-class Encoding(_Part):
-    """A label encoding: the class of each index in a file, "unlabelled", or "" where there is no such index."""
-
-    title: str
-    values: tuple[str, ...] = Field(max_length=INVALID)
-
-
-class OfficialMean(_Part):
-    """A mean over more classes than ours, as an official script prints it.
-
-    `baselines` names the tracks whose paper rows that script made; the classes that it adds count 0 in those.
-    """
-
-    name: Name
-    baselines: tuple[Name, ...] = ()
-    add: tuple[Name, ...]
-
-
-class Modality(_Part):
-    """Images or point clouds: how their files look in the data set."""
-
-    title: str
-    kind: Literal["image", "cloud"]
-    splits: str
-    groundtruth_encoding: Name
-    suspects: tuple[Name, ...] = ()
-    official_mean: OfficialMean | None = None
-
-    @property
-    def suffix(self) -> str:
-        """The extension of a label file, in lower case."""
-        return ".png" if self.kind == "image" else ".label"
-
-
-class Sequence(_Part):
-    """One traversal."""
-
-    name: Name
-    environment: str = ""
-    date: str = ""
-    season: str = ""
-
-
-class Protocol(_Part):
-    """What is trained on and what is scored."""
-
-    id: Name
-    title: str
-    split: Literal["test", "val"]
-    test_sequences: tuple[Name, ...]
-    train_sequences: tuple[Name, ...] = ()
-    trained_on: str = ""
-    ranked: bool = True
-    not_scored: dict[str, tuple[Name, ...]] = Field(default_factory=dict)
-    frames: dict[str, int] = Field(default_factory=dict)
-
-
-class TrackEntry(_Part):
-    """The identity of a track."""
-
-    id: Name
-    modality: Name
-    protocol: Name
-
-
-class Baseline(_Part):
-    """A row that a paper printed, in percent; a class that is missing was not scored."""
-
-    track: Name
-    method: str
-    backbone: str = ""
-    note: str = ""
-    table: int
-    miou: float
-    iou: dict[str, float]
-
-    @property
-    def title(self) -> str:
-        """The method with its backbone."""
-        return f"{self.method} ({self.backbone})" if self.backbone else self.method
-
-
-class Limits(_Part):
-    """Bounds on what one submission may hold."""
-
-    max_members: int = 50_000
 
 
 @dataclass(frozen=True)
@@ -175,7 +73,7 @@ class Track:
         return split == self.protocol.split and sequence in self.protocol.test_sequences
 
 
-class Benchmark(_Part):
+class Benchmark(Part):
     """A whole benchmark definition."""
 
     format: Literal[1]

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from evaluator.benchmark import UNLABELLED, Benchmark, Modality, load
+from evaluator.benchmark import UNLABELLED, Benchmark, load
+from evaluator.definition import Modality
 from evaluator.errors import BenchmarkError
 from evaluator.pack import add_member, encode_labels
 from evaluator.scenery import COMMON, RARE, draw_cloud, draw_scene, value_noise

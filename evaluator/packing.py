@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from evaluator import compiled
-from evaluator.benchmark import INVALID, LOW_BITS, UNLABELLED, Benchmark, Modality
+from evaluator.benchmark import INVALID, LOW_BITS, UNLABELLED, Benchmark
+from evaluator.definition import Modality
 from evaluator.errors import GroundTruthError, Refused
 from evaluator.groundtruth import decode_runs, encode_runs, labels_digest
 from evaluator.labels import read_cloud, read_image

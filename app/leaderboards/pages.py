@@ -47,7 +47,7 @@ def leaderboard(request: Request, track: str, wired: Wiring) -> Response:
         "track": {**_about(board), "title": board.track.title, "modality": board.track.modality.title},
         "classes": scored,
         "rows": _rows(wired, board),
-        "official_name": mean.name if mean else None,
+        "official_name": mean.title if mean else None,
         "exports": [
             {"title": "CSV", "href": f"/api/v1/leaderboards/{track}.csv"},
             {"title": "JSON", "href": f"/api/v1/leaderboards/{track}"},

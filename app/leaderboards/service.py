@@ -15,7 +15,8 @@ from app.submissions.lifecycle import State, Visibility
 from app.submissions.models import Evaluation, Score, Submission
 from app.tracks.service import current_facts, frames_of
 from app.wiring import Wired
-from evaluator.benchmark import Baseline, Benchmark, Track
+from evaluator.benchmark import Benchmark, Track
+from evaluator.definition import Baseline
 from evaluator.frames import Facts
 
 

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from evaluator.benchmark import Baseline, Benchmark, load
+from evaluator.benchmark import Benchmark, load
+from evaluator.definition import Baseline
 from evaluator.errors import BenchmarkError
 
 CLASSES = {

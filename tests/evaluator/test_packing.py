@@ -7,11 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from evaluator import packing
 from evaluator.build import build
-from evaluator.groundtruth import GroundTruth
+from evaluator.groundtruth import GroundTruth, labels_digest
 
 if TYPE_CHECKING:
     from tests.evaluator.conftest import Planted
@@ -49,9 +50,13 @@ def test_what_was_packed_before_is_not_read_again(
     small: Planted, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     broken_off(small, tmp_path / "out", 3)
-    read = []
-    real = packing.labels_digest
-    monkeypatch.setattr(packing, "labels_digest", lambda labels: read.append(1) or real(labels))
+    read: list[int] = []
+
+    def watched(labels: NDArray[np.uint8]) -> str:
+        read.append(labels.size)
+        return labels_digest(labels)
+
+    monkeypatch.setattr("evaluator.packing.labels_digest", watched)
     total: set[int] = set()
     build(
         small.data,

@@ -1,0 +1,215 @@
+"""Labels to counts of true row and predicted value."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from evaluator.kernels.words import (
+    BYTES,
+    COUNTS,
+    EACH_BYTE,
+    FROZEN,
+    I64,
+    LENGTHS,
+    OPTIONS,
+    PAIRS,
+    U64,
+    WINDOW,
+    WORDS,
+    first_set,
+)
+
+HIGHEST_BIT = np.uint64(1 << 63)
+"""What `count_points` adds to its answer when a label is above 255."""
+
+
+@njit([U64(FROZEN, LENGTHS, I64, I64, BYTES, WINDOW, COUNTS)], **OPTIONS)
+def count_runs(
+    classes: NDArray[np.uint8],
+    lengths: NDArray[np.uint32],
+    k: int,
+    size: int,
+    labels: NDArray[np.uint8],
+    labels_window: NDArray[np.uint64],
+    counts: NDArray[np.int64],
+) -> int:
+    """Count labels against runs of truth, a stretch of equal labels at a time.
+
+    Args:
+        classes: the true class of each run, 255 for unlabelled; shape (R,).
+        lengths: pixels of each run, shape (R,).
+        k: the number of classes K, which is also the row of what is unlabelled.
+        size: the number of pixels N.
+        labels: the values of the prediction, shape (N + PADDING,) or longer.
+        labels_window: their window.
+        counts: where counts are added, shape ((K + 1) * 256,).
+
+    Returns:
+        The pixels that the runs cover; the counts are of use when it is N.
+    """
+    at = U64(0)
+    stop = U64(size)
+    for run in range(U64(classes.size)):
+        base = min(U64(classes[run]), U64(k)) << U64(8)
+        end = at + U64(lengths[run])
+        if end > stop:
+            return end
+        while at < end:
+            value = U64(labels[at])
+            word = value * EACH_BYTE
+            start = at
+            differing = labels_window[at] ^ word
+            while differing == U64(0):
+                at += U64(8)
+                if at >= end:
+                    break
+                while at + U64(32) <= end and (
+                    (labels_window[at] ^ word)
+                    | (labels_window[at + U64(8)] ^ word)
+                    | (labels_window[at + U64(16)] ^ word)
+                    | (labels_window[at + U64(24)] ^ word)
+                ) == U64(0):
+                    at += U64(32)
+                if at >= end:
+                    break
+                differing = labels_window[at] ^ word
+            if at < end:
+                at += first_set(differing) >> U64(3)
+            at = min(at, end)
+            counts[base + value] += I64(at - start)
+    return at
+
+
+@njit(inline="always")
+def _expand(
+    classes: NDArray[np.uint8],
+    lengths: NDArray[np.uint32],
+    k: int,
+    size: int,
+    rows_window: NDArray[np.uint64],
+) -> int:
+    """Write the true row of each of N pixels, eight at once, shape (N + PADDING,); returns the pixels of the runs."""
+    at = U64(0)
+    stop = U64(size)
+    for run in range(U64(classes.size)):
+        end = at + U64(lengths[run])
+        if end > stop:
+            return end
+        row = min(U64(classes[run]), U64(k))
+        word = row * EACH_BYTE
+        rows_window[at] = word  # most runs are short: stores cost less than a wrong guess where one ends
+        rows_window[at + U64(8)] = word
+        rows_window[at + U64(16)] = word
+        at += U64(24)
+        while at < end:
+            rows_window[at] = word
+            at += U64(8)
+        at = end
+    return at
+
+
+@njit([U64(FROZEN, LENGTHS, I64, I64, BYTES, WINDOW, BYTES, COUNTS)], **OPTIONS)
+def count_noise(
+    classes: NDArray[np.uint8],
+    lengths: NDArray[np.uint32],
+    k: int,
+    size: int,
+    rows: NDArray[np.uint8],
+    rows_window: NDArray[np.uint64],
+    labels: NDArray[np.uint8],
+    counts: NDArray[np.int64],
+) -> int:
+    """Count labels that hardly ever repeat: pixel by pixel, into four tables in turn, so that none waits for itself.
+
+    Args:
+        classes: as in `count_runs`.
+        lengths: as in `count_runs`.
+        k: the number of classes K.
+        size: the number of pixels N.
+        rows: memory for the true rows, shape (N + PADDING,) or longer.
+        rows_window: its window.
+        labels: the values of the prediction, shape (N,) or longer.
+        counts: where counts are added, shape (4 * (K + 1) * 256,); the four tables are to be summed.
+
+    Returns:
+        The pixels that the runs cover; the counts are of use when it is N.
+    """
+    covered = _expand(classes, lengths, k, size, rows_window)
+    if covered != U64(size):
+        return covered
+    table = U64(counts.size >> 2)
+    at = U64(0)
+    while at + U64(4) <= covered:
+        counts[(U64(rows[at]) << U64(8)) + U64(labels[at])] += 1
+        at += U64(1)
+        counts[table + (U64(rows[at]) << U64(8)) + U64(labels[at])] += 1
+        at += U64(1)
+        counts[table + table + (U64(rows[at]) << U64(8)) + U64(labels[at])] += 1
+        at += U64(1)
+        counts[table + table + table + (U64(rows[at]) << U64(8)) + U64(labels[at])] += 1
+        at += U64(1)
+    while at < covered:
+        counts[(U64(rows[at]) << U64(8)) + U64(labels[at])] += 1
+        at += U64(1)
+    return covered
+
+
+@njit([U64(FROZEN, LENGTHS, I64, I64, BYTES, WINDOW, WORDS, PAIRS, COUNTS)], **OPTIONS)
+def count_points(
+    classes: NDArray[np.uint8],
+    lengths: NDArray[np.uint32],
+    k: int,
+    size: int,
+    rows: NDArray[np.uint8],
+    rows_window: NDArray[np.uint64],
+    points: NDArray[np.uint32],
+    pairs: NDArray[np.uint64],
+    counts: NDArray[np.int64],
+) -> int:
+    """Count the labels of a cloud, in which runs are short, as `count_noise` does.
+
+    Args:
+        classes: as in `count_runs`.
+        lengths: as in `count_runs`.
+        k: the number of classes K.
+        size: the number of points N.
+        rows: memory for the true rows, shape (N + PADDING,) or longer.
+        rows_window: its window.
+        points: as the file has them, of which the lower 16 bits are the label; shape (N,).
+        pairs: the same memory, two points a number; shape (N // 2,).
+        counts: where counts are added, shape (4 * (K + 1) * 256,); the four tables are to be summed.
+
+    Returns:
+        The points that the runs cover, with the highest bit set when a label is above 255; the counts are of use when
+        it is N.
+    """
+    covered = _expand(classes, lengths, k, size, rows_window)
+    if covered != U64(size):
+        return covered
+    table = U64(counts.size >> 2)
+    low = U64(0xFFFF)
+    byte = U64(0xFF)
+    over = U64(0)
+    at = U64(0)
+    while at + U64(8) <= covered:  # eight rows in a word, two points in a word
+        row = rows_window[at] << U64(8)
+        spread = U64(0xFF00)
+        for half in range(2):
+            first = pairs[(at >> U64(1)) + U64(2 * half)]
+            second = pairs[(at >> U64(1)) + U64(2 * half + 1)]
+            over |= first | second
+            counts[((row) & spread) + (first & byte)] += 1
+            counts[table + ((row >> U64(8)) & spread) + ((first >> U64(32)) & byte)] += 1
+            counts[table + table + ((row >> U64(16)) & spread) + (second & byte)] += 1
+            counts[table + table + table + ((row >> U64(24)) & spread) + ((second >> U64(32)) & byte)] += 1
+            row = rows_window[at + U64(4)] << U64(8)
+        at += U64(8)
+    over = (over | (over >> U64(32))) & low
+    while at < covered:
+        a = U64(points[at]) & low
+        over |= a
+        counts[(U64(rows[at]) << U64(8)) + (a & byte)] += 1
+        at += U64(1)
+    return covered if over < U64(256) else covered | HIGHEST_BIT
