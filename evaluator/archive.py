@@ -9,7 +9,8 @@ import struct
 import zipfile
 import zlib
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from functools import cached_property
+from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
@@ -37,15 +38,15 @@ class Member:
     size: int
     position: int
 
-    @property
-    def path(self) -> PurePosixPath:
-        """The name as a path, with Windows separators made ordinary."""
-        return PurePosixPath(self.name.replace("\\", "/"))
+    @cached_property
+    def parts(self) -> list[str]:
+        """The folders and the file's own name, with Windows separators made ordinary."""
+        return [part for part in self.name.replace("\\", "/").split("/") if part not in ("", ".")]
 
     @property
     def is_junk(self) -> bool:
         """Whether an operating system put it there, so that nobody wants to hear of it."""
-        return self.path.name in JUNK or "__MACOSX" in self.path.parts
+        return not self.parts or self.parts[-1] in JUNK or "__MACOSX" in self.parts
 
 
 class Archive:
@@ -174,6 +175,8 @@ def _check_entry(info: zipfile.ZipInfo) -> None:
 
 def shown(name: str) -> str:
     """A member's name made fit for a page or a terminal: nothing in it can steer either."""
+    if name.isprintable():
+        return name[:200]
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name[:200])
 
 

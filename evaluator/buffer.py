@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-PADDING = 32
+PADDING = 64
 """Bytes behind what a buffer holds that kernels may read or write, whatever stands there."""
 
 

@@ -85,13 +85,13 @@ def count_image(  # noqa: PLR0913 a frame and the memory for it
         return reference_counts(runs, image.take(size), k)
     if not noisy:
         counts = np.zeros((k + 1, VALUES), np.int64)
-        covered = fast.count_runs(*runs, k, size, image.memory, image.window, counts.reshape(-1))
+        covered = fast.count_runs(*runs, k, size, image.memory, counts.reshape(-1))
     else:
         spare.take(size)
         tables = np.zeros((4, k + 1, VALUES), np.int64)
         flat = tables.reshape(-1)
         covered = fast.count_noise(*runs, k, size, spare.memory, spare.window, image.memory, flat)
-        counts = tables.sum(axis=0)
+        counts = tables[0].copy()
     if covered != size:
         raise _damaged(covered, size)
     return counts
@@ -125,8 +125,8 @@ def count_cloud(runs: Runs, points: NDArray[np.uint32], k: int, *, spare: Buffer
         return None
     if covered != points.size:
         raise _damaged(covered, points.size)
-    summed: NDArray[np.int64] = tables.sum(axis=0)
-    return summed
+    counts: NDArray[np.int64] = tables[0].copy()
+    return counts
 
 
 def _damaged(covered: int, size: int) -> ValueError:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import PurePosixPath
+from posixpath import splitext
 
 from evaluator.archive import Member, shown
 from evaluator.benchmark import Benchmark, Track
@@ -33,7 +33,7 @@ def match(members: Iterable[Member], frames: Sequence[Frame], track: Track, benc
     for member in members:
         if member.is_junk:
             continue
-        name, extension = _split(member.path, wanted)
+        name, extension = _split(member.parts[-1], wanted)
         frame = wanted.get(name)
         if frame is None:
             warnings.append(Problem(Code.UNKNOWN_MEMBER, shown(member.name)))
@@ -44,7 +44,7 @@ def match(members: Iterable[Member], frames: Sequence[Frame], track: Track, benc
             )
         else:
             claims.setdefault(name, []).append(member)
-            named = [part for part in member.path.parts[:-1] if part in sequences]
+            named = [part for part in member.parts[:-1] if part in sequences]
             if named and named[-1] != frame.sequence:
                 problems.append(Problem(Code.WRONG_SEQUENCE, shown(member.name), frame.sequence, named[-1]))
     for name, rivals in claims.items():
@@ -63,19 +63,22 @@ def match(members: Iterable[Member], frames: Sequence[Frame], track: Track, benc
 def match_unknown(members: Iterable[Member], track: Track) -> Matched:
     """Take every file of the track's type for a frame, where no frames are known: shapes are empty then."""
     suffix = track.modality.suffix
-    known = [m for m in members if not m.is_junk]
-    pairs = tuple(
-        (Frame(name=frame_name(m.path.stem), sequence="", split="", shape=()), m)
-        for m in known
-        if m.path.suffix.lower() == suffix
-    )
-    odd = tuple(Problem(Code.UNKNOWN_MEMBER, shown(m.name)) for m in known if m.path.suffix.lower() != suffix)
-    return Matched(pairs, (), odd)
+    pairs, odd = [], []
+    for member in members:
+        if member.is_junk:
+            continue
+        stem, extension = splitext(member.parts[-1])
+        if extension.lower() == suffix:
+            pairs.append((Frame(name=frame_name(stem), sequence="", split="", shape=()), member))
+        else:
+            odd.append(Problem(Code.UNKNOWN_MEMBER, shown(member.name)))
+    return Matched(tuple(pairs), (), tuple(odd))
 
 
-def _split(path: PurePosixPath, wanted: dict[str, Frame]) -> tuple[str, str]:
+def _split(name: str, wanted: dict[str, Frame]) -> tuple[str, str]:
     """A frame's name and the extension; a name such as `1623370893.376340233` has none."""
-    whole = frame_name(path.name)
+    whole = frame_name(name)
     if whole in wanted:
         return whole, ""
-    return frame_name(path.stem), path.suffix.lower()
+    stem, extension = splitext(name)
+    return frame_name(stem), extension.lower()

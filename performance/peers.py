@@ -64,14 +64,14 @@ def cityscapes_like(archive: Path, truth: Path) -> NDArray[np.int64]:
 
 
 def semantic_kitti_like(archive: Path, truth: Path) -> NDArray[np.int64]:
-    """As semantic-kitti-api: extract, np.fromfile of both, a lookup table, np.add.at on a K x K matrix."""
-    table = np.arange(256, dtype=np.int64)
+    """As semantic-kitti-api: extract, np.fromfile of both, a lookup table, the two stacked, np.add.at."""
+    table = np.arange(256, dtype=np.int32)
     table[255] = K
     matrix = np.zeros((K + 1, K + 1), np.int64)
     with tempfile.TemporaryDirectory() as folder:
         shutil.unpack_archive(archive, folder)
         for file in sorted(Path(folder).iterdir()):
-            predicted = table[np.fromfile(file, np.uint32) & 0xFFFF]
-            true = table[np.fromfile(truth / file.name, np.uint32) & 0xFFFF]
-            np.add.at(matrix, (predicted, true), 1)
+            true = table[np.fromfile(truth / file.name, np.int32).reshape(-1) & 0xFFFF]
+            predicted = table[np.fromfile(file, np.int32).reshape(-1) & 0xFFFF]
+            np.add.at(matrix, tuple(np.stack((predicted, true), axis=0)), 1)
     return matrix

@@ -16,8 +16,10 @@ from evaluator.kernels.words import (
     OPTIONS,
     PAIRS,
     U64,
+    WIDTH,
     WINDOW,
     WORDS,
+    differing,
     first_set,
 )
 
@@ -25,14 +27,13 @@ HIGHEST_BIT = np.uint64(1 << 63)
 """What `count_points` adds to its answer when a label is above 255."""
 
 
-@njit([U64(FROZEN, LENGTHS, I64, I64, BYTES, WINDOW, COUNTS)], **OPTIONS)
+@njit([U64(FROZEN, LENGTHS, I64, I64, BYTES, COUNTS)], **OPTIONS)
 def count_runs(
     classes: NDArray[np.uint8],
     lengths: NDArray[np.uint32],
     k: int,
     size: int,
     labels: NDArray[np.uint8],
-    labels_window: NDArray[np.uint64],
     counts: NDArray[np.int64],
 ) -> int:
     """Count labels against runs of truth, a stretch of equal labels at a time.
@@ -43,7 +44,6 @@ def count_runs(
         k: the number of classes K, which is also the row of what is unlabelled.
         size: the number of pixels N.
         labels: the values of the prediction, shape (N + PADDING,) or longer.
-        labels_window: their window.
         counts: where counts are added, shape ((K + 1) * 256,).
 
     Returns:
@@ -51,34 +51,25 @@ def count_runs(
     """
     at = U64(0)
     stop = U64(size)
+    width = U64(WIDTH)
     for run in range(U64(classes.size)):
         base = min(U64(classes[run]), U64(k)) << U64(8)
         end = at + U64(lengths[run])
         if end > stop:
             return end
         while at < end:
-            value = U64(labels[at])
-            word = value * EACH_BYTE
+            value = labels[at]
             start = at
-            differing = labels_window[at] ^ word
-            while differing == U64(0):
-                at += U64(8)
+            others = differing(labels, at, value)
+            while others == U64(0):
+                at += width
                 if at >= end:
                     break
-                while at + U64(32) <= end and (
-                    (labels_window[at] ^ word)
-                    | (labels_window[at + U64(8)] ^ word)
-                    | (labels_window[at + U64(16)] ^ word)
-                    | (labels_window[at + U64(24)] ^ word)
-                ) == U64(0):
-                    at += U64(32)
-                if at >= end:
-                    break
-                differing = labels_window[at] ^ word
-            if at < end:
-                at += first_set(differing) >> U64(3)
+                others = differing(labels, at, value)
+            if others != U64(0):
+                at += first_set(others)
             at = min(at, end)
-            counts[base + value] += I64(at - start)
+            counts[base + U64(value)] += I64(at - start)
     return at
 
 
@@ -110,6 +101,14 @@ def _expand(
     return at
 
 
+@njit(inline="always")
+def _merge(counts: NDArray[np.int64]) -> None:
+    """Add the other three tables to the first."""
+    table = U64(counts.size >> 2)
+    for i in range(table):
+        counts[i] += counts[table + i] + counts[table + table + i] + counts[table + table + table + i]
+
+
 @njit([U64(FROZEN, LENGTHS, I64, I64, BYTES, WINDOW, BYTES, COUNTS)], **OPTIONS)
 def count_noise(
     classes: NDArray[np.uint8],
@@ -131,7 +130,7 @@ def count_noise(
         rows: memory for the true rows, shape (N + PADDING,) or longer.
         rows_window: its window.
         labels: the values of the prediction, shape (N,) or longer.
-        counts: where counts are added, shape (4 * (K + 1) * 256,); the four tables are to be summed.
+        counts: four tables of zeros, shape (4 * (K + 1) * 256,); the first gets the counts.
 
     Returns:
         The pixels that the runs cover; the counts are of use when it is N.
@@ -153,6 +152,7 @@ def count_noise(
     while at < covered:
         counts[(U64(rows[at]) << U64(8)) + U64(labels[at])] += 1
         at += U64(1)
+    _merge(counts)
     return covered
 
 
@@ -179,7 +179,7 @@ def count_points(
         rows_window: its window.
         points: as the file has them, of which the lower 16 bits are the label; shape (N,).
         pairs: the same memory, two points a number; shape (N // 2,).
-        counts: where counts are added, shape (4 * (K + 1) * 256,); the four tables are to be summed.
+        counts: four tables of zeros, shape (4 * (K + 1) * 256,); the first gets the counts.
 
     Returns:
         The points that the runs cover, with the highest bit set when a label is above 255; the counts are of use when
@@ -212,4 +212,5 @@ def count_points(
         over |= a
         counts[(U64(rows[at]) << U64(8)) + (a & byte)] += 1
         at += U64(1)
+    _merge(counts)
     return covered if over < U64(256) else covered | HIGHEST_BIT

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit, types
 from numpy.typing import NDArray
 
-from evaluator.kernels.words import BYTES, EACH_BYTE, FROZEN, I32, I64, OPTIONS, U8, U64, WINDOW, first_set
+from evaluator.kernels.words import BYTES, EACH_BYTE, FROZEN, I32, I64, OPTIONS, U8, U64, WINDOW, add_bytes, first_set
 
 
 @njit(inline="always")
@@ -72,21 +72,15 @@ def unfilter(
                     out[target + at] = left
                     at += U64(1)
                     continue
-                word = U64(left) * EACH_BYTE
                 residual = raw_window[source + at]
+                word = U64(left) * EACH_BYTE
+                if residual != U64(0):
+                    residual = add_bytes(residual, residual << U64(8))
+                    residual = add_bytes(residual, residual << U64(16))
+                    word = add_bytes(add_bytes(residual, residual << U64(32)), word)
+                    left = U8(word >> U64(56))
                 out_window[target + at] = word
-                while residual == U64(0):
-                    at += U64(8)
-                    if at >= columns:
-                        break
-                    out_window[target + at] = word
-                    residual = raw_window[source + at]
-                if at < columns:
-                    at += first_set(residual) >> U64(3)
-                if at < columns:
-                    left = U8(left + raw[source + at])
-                    out[target + at] = left
-                    at += U64(1)
+                at += U64(8)
         elif kind == 2:
             for i in range(columns):
                 out[target + i] = U8(raw[source + i] + out[above + i])
