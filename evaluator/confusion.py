@@ -88,10 +88,10 @@ def count_image(  # noqa: PLR0913 a frame and the memory for it
         covered = fast.count_runs(*runs, k, size, image.memory, counts.reshape(-1))
     else:
         spare.take(size)
-        tables = np.zeros((4, k + 1, VALUES), np.int64)
+        tables = _tables(k)
         flat = tables.reshape(-1)
-        covered = fast.count_noise(*runs, k, size, spare.memory, spare.window, image.memory, flat)
-        counts = tables[0].copy()
+        covered = fast.count_noise(*runs, k, size, k.bit_length(), spare.memory, spare.window, image.memory, flat)
+        counts = _by_row(tables, k)
     if covered != size:
         raise _damaged(covered, size)
     return counts
@@ -118,15 +118,24 @@ def count_cloud(runs: Runs, points: NDArray[np.uint32], k: int, *, spare: Buffer
         return reference_counts(runs, labels.astype(np.uint8), k) if labels.max(initial=0) < VALUES else None
     spare.take(points.size)
     pairs = points[: points.size // 2 * 2].view(np.uint64)
-    tables = np.zeros((4, k + 1, VALUES), np.int64)
+    tables = _tables(k)
     flat = tables.reshape(-1)
-    covered = fast.count_points(*runs, k, points.size, spare.memory, spare.window, points, pairs, flat)
+    covered = fast.count_points(*runs, k, points.size, k.bit_length(), spare.memory, spare.window, points, pairs, flat)
     if covered == points.size | int(fast.HIGHEST_BIT):
         return None
     if covered != points.size:
         raise _damaged(covered, points.size)
-    counts: NDArray[np.int64] = tables[0].copy()
-    return counts
+    return _by_row(tables, k)
+
+
+def _tables(k: int) -> NDArray[np.int64]:
+    """Four tables as kernels fill them: value by value, in a value row by row."""
+    return np.zeros((4, VALUES, 1 << k.bit_length()), np.int64)
+
+
+def _by_row(tables: NDArray[np.int64], k: int) -> NDArray[np.int64]:
+    """The first of the tables as `reference_counts` has it, shape (K + 1, 256)."""
+    return np.ascontiguousarray(tables[0, :, : k + 1].T)
 
 
 def _damaged(covered: int, size: int) -> ValueError:

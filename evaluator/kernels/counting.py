@@ -109,12 +109,13 @@ def _merge(counts: NDArray[np.int64]) -> None:
         counts[i] += counts[table + i] + counts[table + table + i] + counts[table + table + table + i]
 
 
-@njit([U64(FROZEN, LENGTHS, I64, I64, BYTES, WINDOW, BYTES, COUNTS)], **OPTIONS)
+@njit([U64(FROZEN, LENGTHS, I64, I64, I64, BYTES, WINDOW, BYTES, COUNTS)], **OPTIONS)
 def count_noise(
     classes: NDArray[np.uint8],
     lengths: NDArray[np.uint32],
     k: int,
     size: int,
+    bits: int,
     rows: NDArray[np.uint8],
     rows_window: NDArray[np.uint64],
     labels: NDArray[np.uint8],
@@ -127,10 +128,12 @@ def count_noise(
         lengths: as in `count_runs`.
         k: the number of classes K.
         size: the number of pixels N.
+        bits: of a row: 2 to the power of bits is more than K.
         rows: memory for the true rows, shape (N + PADDING,) or longer.
         rows_window: its window.
         labels: the values of the prediction, shape (N,) or longer.
-        counts: four tables of zeros, shape (4 * (K + 1) * 256,); the first gets the counts.
+        counts: four tables of zeros, shape (4 * 256 * 2**bits,); the first gets the counts, value by value and in a
+            value row by row: the few values that occur are near each other and stay in the fastest memory.
 
     Returns:
         The pixels that the runs cover; the counts are of use when it is N.
@@ -139,29 +142,31 @@ def count_noise(
     if covered != U64(size):
         return covered
     table = U64(counts.size >> 2)
+    shift = U64(bits)
     at = U64(0)
     while at + U64(4) <= covered:
-        counts[(U64(rows[at]) << U64(8)) + U64(labels[at])] += 1
+        counts[(U64(labels[at]) << shift) + U64(rows[at])] += 1
         at += U64(1)
-        counts[table + (U64(rows[at]) << U64(8)) + U64(labels[at])] += 1
+        counts[table + (U64(labels[at]) << shift) + U64(rows[at])] += 1
         at += U64(1)
-        counts[table + table + (U64(rows[at]) << U64(8)) + U64(labels[at])] += 1
+        counts[table + table + (U64(labels[at]) << shift) + U64(rows[at])] += 1
         at += U64(1)
-        counts[table + table + table + (U64(rows[at]) << U64(8)) + U64(labels[at])] += 1
+        counts[table + table + table + (U64(labels[at]) << shift) + U64(rows[at])] += 1
         at += U64(1)
     while at < covered:
-        counts[(U64(rows[at]) << U64(8)) + U64(labels[at])] += 1
+        counts[(U64(labels[at]) << shift) + U64(rows[at])] += 1
         at += U64(1)
     _merge(counts)
     return covered
 
 
-@njit([U64(FROZEN, LENGTHS, I64, I64, BYTES, WINDOW, WORDS, PAIRS, COUNTS)], **OPTIONS)
+@njit([U64(FROZEN, LENGTHS, I64, I64, I64, BYTES, WINDOW, WORDS, PAIRS, COUNTS)], **OPTIONS)
 def count_points(
     classes: NDArray[np.uint8],
     lengths: NDArray[np.uint32],
     k: int,
     size: int,
+    bits: int,
     rows: NDArray[np.uint8],
     rows_window: NDArray[np.uint64],
     points: NDArray[np.uint32],
@@ -175,11 +180,13 @@ def count_points(
         lengths: as in `count_runs`.
         k: the number of classes K.
         size: the number of points N.
+        bits: of a row: 2 to the power of bits is more than K.
         rows: memory for the true rows, shape (N + PADDING,) or longer.
         rows_window: its window.
         points: as the file has them, of which the lower 16 bits are the label; shape (N,).
         pairs: the same memory, two points a number; shape (N // 2,).
-        counts: four tables of zeros, shape (4 * (K + 1) * 256,); the first gets the counts.
+        counts: four tables of zeros, shape (4 * 256 * 2**bits,); the first gets the counts, value by value and in a
+            value row by row: the few values that occur are near each other and stay in the fastest memory.
 
     Returns:
         The points that the runs cover, with the highest bit set when a label is above 255; the counts are of use when
@@ -189,28 +196,26 @@ def count_points(
     if covered != U64(size):
         return covered
     table = U64(counts.size >> 2)
+    shift = U64(bits)
     low = U64(0xFFFF)
     byte = U64(0xFF)
     over = U64(0)
     at = U64(0)
-    while at + U64(8) <= covered:  # eight rows in a word, two points in a word
-        row = rows_window[at] << U64(8)
-        spread = U64(0xFF00)
-        for half in range(2):
-            first = pairs[(at >> U64(1)) + U64(2 * half)]
-            second = pairs[(at >> U64(1)) + U64(2 * half + 1)]
-            over |= first | second
-            counts[((row) & spread) + (first & byte)] += 1
-            counts[table + ((row >> U64(8)) & spread) + ((first >> U64(32)) & byte)] += 1
-            counts[table + table + ((row >> U64(16)) & spread) + (second & byte)] += 1
-            counts[table + table + table + ((row >> U64(24)) & spread) + ((second >> U64(32)) & byte)] += 1
-            row = rows_window[at + U64(4)] << U64(8)
-        at += U64(8)
+    while at + U64(4) <= covered:  # eight rows in a word, two points in a word
+        row = rows_window[at]
+        first = pairs[at >> U64(1)]
+        second = pairs[(at >> U64(1)) + U64(1)]
+        over |= first | second
+        counts[((first & byte) << shift) + (row & byte)] += 1
+        counts[table + (((first >> U64(32)) & byte) << shift) + ((row >> U64(8)) & byte)] += 1
+        counts[table + table + ((second & byte) << shift) + ((row >> U64(16)) & byte)] += 1
+        counts[table + table + table + (((second >> U64(32)) & byte) << shift) + ((row >> U64(24)) & byte)] += 1
+        at += U64(4)
     over = (over | (over >> U64(32))) & low
     while at < covered:
         a = U64(points[at]) & low
         over |= a
-        counts[(U64(rows[at]) << U64(8)) + (a & byte)] += 1
+        counts[((a & byte) << shift) + U64(rows[at])] += 1
         at += U64(1)
     _merge(counts)
     return covered if over < U64(256) else covered | HIGHEST_BIT
