@@ -25,6 +25,7 @@ def make_celery(settings: Settings) -> Celery:
         "task_acks_late": True,
         "task_reject_on_worker_lost": False,
         "task_ignore_result": True,
+        "task_time_limit": settings.scoring_seconds,
         "task_default_queue": SCORING,
         "task_serializer": "json",
         "accept_content": ["json"],

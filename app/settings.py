@@ -21,6 +21,8 @@ class Settings(BaseSettings):
     groundtruth: Path | None = Field(None, description="Folder of packed releases; in the home folder when empty.")
     max_upload_bytes: int = Field(2_000_000_000, gt=0, description="Largest upload that is accepted.")
     scoring_threads: int = Field(2, gt=0, description="Threads that score inside one worker process.")
+    scoring_memory_bytes: int = Field(4_000_000_000, gt=0, description="Memory of a process that scores (Linux).")
+    scoring_seconds: int = Field(3600, gt=0, description="Time after which a process that scores is ended.")
     chunk_frames: int = Field(16, gt=0, description="Frames scored between two commits.")
     lease_seconds: float = Field(30, gt=0, description="How long a silent worker keeps its claim.")
     heartbeat_seconds: float = Field(5, gt=0, description="How often a worker renews its claim.")

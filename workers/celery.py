@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import resource
+import sys
 import threading
 from functools import lru_cache
 from typing import Any
@@ -44,9 +46,16 @@ def drain(**_: Any) -> None:  # noqa: ANN401 Celery's signal
 
 
 @signals.worker_process_init.connect
-def warm_up(**_: Any) -> None:  # noqa: ANN401 Celery's signal
-    """Have a child load its kernels before it has work; after the fork, as threads do not survive one."""
+def prepare_child(**_: Any) -> None:  # noqa: ANN401 Celery's signal
+    """Bound what a child may take, and load its kernels before it has work; after the fork, as threads survive none."""
+    limit_memory(Settings().scoring_memory_bytes)
     compiled.load()
+
+
+def limit_memory(size: int) -> None:
+    """Have this process run out of memory of its own, mapped files aside, before the machine does (Linux)."""
+    if sys.platform == "linux":
+        resource.setrlimit(resource.RLIMIT_DATA, (size, size))
 
 
 @signals.worker_ready.connect

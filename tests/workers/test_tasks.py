@@ -154,3 +154,22 @@ def test_an_idle_worker_beside_work_that_waits_leaves_to_be_started_again(tmp_pa
     )
     assert (done.returncode, "drained" in done.stdout) == (1, False)
     assert "this worker hears nothing" in done.stdout
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the kernel bounds anonymous memory on Linux only")
+def test_a_process_that_scores_runs_out_of_memory_before_the_machine_does(tmp_path: Path) -> None:
+    code = """
+from workers.celery import prepare_child
+prepare_child()
+kept = bytearray(100_000_000)
+try:
+    bytearray(3_000_000_000)
+except MemoryError:
+    print("bounded")
+"""
+    assert run(code, tmp_path, WILDSCENES_SCORING_MEMORY_BYTES="2000000000") == "bounded"
+
+
+def test_a_process_that_scores_is_ended_after_a_time(tmp_path: Path) -> None:
+    code = "from workers.celery import celery; print(celery.conf.task_time_limit)"
+    assert run(code, tmp_path, WILDSCENES_SCORING_SECONDS="77") == "77"
