@@ -25,6 +25,10 @@ _BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
 _UNSAFE = re.compile(rf"[\x00-\x1f\x7f-\x9f{_BIDI}]|^[/\\]|^[A-Za-z]:|(^|[/\\])\.\.([/\\]|$)")
 _ENCRYPTED = 0x1
 _UTF8 = 0x800
+_ENTRY_BYTES = 200
+"""What an entry of the directory takes, with a long name; on average."""
+_DIRECTORY_SIZE = 5
+"""Where the end record has the size of the directory."""
 _RAW_DEFLATE = -15
 _LOCAL_MAGIC = 0x04034B50
 _LOCAL_HEADER = struct.Struct("<IHHHHHIIIHH")
@@ -58,6 +62,7 @@ class Archive:
 
     def __init__(self, path: Path, *, max_members: int) -> None:
         """Read and check the central directory; no member is read yet."""
+        _check_directory(path, max_members)
         with _open(path) as file:
             infos = file.infolist()
         if len(infos) > max_members:
@@ -135,6 +140,18 @@ class Archive:
     ) -> None:
         """Close the file."""
         self._map.close()
+
+
+def _check_directory(path: Path, max_members: int) -> None:
+    """Bound the directory before a list is made of it; its size is in the record at the end, which is followed."""
+    with path.open("rb") as file:
+        try:
+            end = zipfile._EndRecData(file)  # type: ignore[attr-defined]  # noqa: SLF001 the record that ZipFile follows
+        except (OSError, struct.error, zipfile.BadZipFile):
+            return  # opening it says what is wrong
+    if end and end[_DIRECTORY_SIZE] > max_members * _ENTRY_BYTES:
+        found = f"a directory of {end[_DIRECTORY_SIZE]} bytes"
+        raise Refused(Problem(Code.TOO_MANY_MEMBERS, None, f"at most {max_members}", found))
 
 
 def _open(path: Path) -> zipfile.ZipFile:

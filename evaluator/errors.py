@@ -65,6 +65,16 @@ HINTS: dict[Code, str] = {
 }
 
 
+LONGEST = 300
+"""Characters of a text in a problem."""
+
+
+def printable(text: str) -> str:
+    """A text that cannot steer a page or a terminal: what cannot be seen is replaced, and what is long is cut."""
+    cut = text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in cut)
+
+
 @dataclass(frozen=True)
 class Problem:
     """One thing that is wrong (or, as a warning, odd) with a submission.
@@ -82,6 +92,13 @@ class Problem:
     expected: str | None = None
     found: str | None = None
     hint: str | None = None
+
+    def __post_init__(self) -> None:
+        """Make every text fit for a page or a terminal: whoever made the archive has a say in most of them."""
+        for name in ("member", "expected", "found", "hint"):
+            text = getattr(self, name)
+            if text is not None:
+                object.__setattr__(self, name, printable(text))
 
     def as_json(self) -> dict[str, str | None]:
         """The problem as JSON; a hint is always present."""

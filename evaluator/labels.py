@@ -21,6 +21,9 @@ PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 HEADER_BYTES = 33
 """Of a PNG: its signature and the whole of its first chunk."""
 GREY, PALETTE = 0, 3
+FEWEST_CHUNKS, CHUNK_BYTES = 4096, 256
+"""A PNG may have so many chunks, and another for so many bytes: each takes time to look at."""
+PALETTE_BYTES = range(3, 769, 3)
 PAETH = 4
 """The last of a PNG row's filters."""
 COLOUR_TYPES = {0: "greyscale", 2: "RGB", 3: "palette", 4: "greyscale with alpha", 6: "RGB with alpha"}
@@ -160,8 +163,11 @@ class _DamagedError(Exception):
 
 def _chunks(data: Bytes) -> Iterator[tuple[bytes, int, int]]:
     """Type, start and end of the body of each chunk, checksums verified, to the IEND that ends the file."""
-    position = len(PNG_SIGNATURE)
+    position, left = len(PNG_SIGNATURE), FEWEST_CHUNKS + len(data) // CHUNK_BYTES
     while position + 12 <= len(data):
+        left -= 1
+        if left < 0:
+            raise _DamagedError("it is cut into far too many chunks")
         length, kind = struct.unpack_from(">I4s", data, position)
         start, end = position + 8, position + 8 + length
         if end + 4 > len(data):
@@ -177,7 +183,7 @@ def _chunks(data: Bytes) -> Iterator[tuple[bytes, int, int]]:
     raise _DamagedError("the file is cut off")
 
 
-def _walk(data: Bytes) -> tuple[Header, list[Bytes]]:  # noqa: C901 one loop over chunks, a rule a kind
+def _walk(data: Bytes) -> tuple[Header, list[Bytes]]:  # noqa: C901, PLR0912 one loop over chunks, a rule a kind
     header, ended, palette = None, False, False
     pixels: list[Bytes] = []
     for kind, start, end in _chunks(data):
@@ -190,11 +196,15 @@ def _walk(data: Bytes) -> tuple[Header, list[Bytes]]:  # noqa: C901 one loop ove
         elif kind == b"IHDR":
             raise _DamagedError("it has two headers")
         elif kind == b"PLTE":
+            if palette or pixels or end - start not in PALETTE_BYTES:
+                raise _DamagedError("its palette is not valid")
             palette = True
         elif kind == b"IDAT":
             if ended:
                 raise _DamagedError("its pixel data is interrupted")
             pixels.append(memoryview(data)[start:end])
+        elif kind[:1].isupper() and kind != b"IEND":
+            raise _DamagedError(f"chunk {kind!r} is unknown and must not be ignored")
         elif pixels:
             ended = True
     if header is None or not pixels:

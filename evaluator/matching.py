@@ -11,6 +11,9 @@ from evaluator.benchmark import Benchmark, Track
 from evaluator.errors import Code, Problem
 from evaluator.frames import Frame, frame_name
 
+RIVALS = 3
+"""Members of one frame that a problem names."""
+
 
 @dataclass(frozen=True)
 class Matched:
@@ -49,7 +52,8 @@ def match(members: Iterable[Member], frames: Sequence[Frame], track: Track, benc
                 problems.append(Problem(Code.WRONG_SEQUENCE, shown(member.name), frame.sequence, named[-1]))
     for name, rivals in claims.items():
         if len(rivals) > 1:
-            found = ", ".join(shown(one.name) for one in rivals)
+            more = [f"and {len(rivals) - RIVALS} more"] if len(rivals) > RIVALS else []
+            found = ", ".join([*(shown(one.name) for one in rivals[:RIVALS]), *more])
             problems.append(Problem(Code.DUPLICATE_FRAME, shown(rivals[1].name), f"one member for {name}", found))
     problems += [
         Problem(Code.MISSING_FRAME, f"{frame.sequence}/{frame.name}{suffix}", "a member of this name", "none")
