@@ -98,7 +98,7 @@ def serve(  # noqa: PLR0913 each is an option
     except StartError as error:
         raise click.ClickException(str(error)) from error
     try:
-        click.echo(f"\nWildScenes evaluation server: {wired.settings.base_url}")
+        click.echo(f"\nWildScenes evaluation server: {wired.settings.base_url} (listening on {host}:{port})")
         if demo:
             folder = home / "demo"
             token = demo_data.prepare(wired, folder)
@@ -113,15 +113,14 @@ def serve(  # noqa: PLR0913 each is an option
 
 
 def _use(wired: Wired, groundtruth: Path) -> None:
-    name = _benchmark_of(groundtruth)
+    try:
+        name = Release.model_validate_json((groundtruth / RELEASE).read_bytes()).benchmark
+    except (OSError, ValueError) as error:
+        raise click.ClickException(f"{groundtruth} holds no packed ground truth") from error
     if name not in wired.benchmarks:
         raise click.ClickException(f"{groundtruth} is of benchmark {name!r}, which this server does not have")
     digest = import_release(wired.db, wired.settings.releases, groundtruth, wired.benchmarks[name], now=wired.now())
     click.echo(f"ground truth {digest}")
-
-
-def _benchmark_of(folder: Path) -> str:
-    return Release.model_validate_json((folder / RELEASE).read_bytes()).benchmark
 
 
 @click.group(cls=Administration)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import os
 import shutil
 import signal
@@ -110,8 +111,13 @@ class Supervisor:
         """Start every child, and wait until the web answers.
 
         Raises:
-            StartError: the port is taken, or a child does not come up.
+            StartError: the home or the port is taken, or a child does not come up.
         """
+        self._lock = (self._home / "serve.lock").open("w")
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise StartError(f"another server already runs on {self._home}") from error
         if not _is_free(self._host, self._port):
             raise StartError(f"port {self._port} is taken; choose another with --port (or PORT=… make run)")
         try:

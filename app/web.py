@@ -41,6 +41,7 @@ BROKEN_PAGE = """<!doctype html>
 </html>
 """
 """The page about a fault of ours: it asks nothing of the database, which may be what is broken."""
+SAID = {404: "There is nothing at this address.", 405: "This address does not take that method."}
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
@@ -119,7 +120,8 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(HTTPException)
     def http_error(request: Request, error: HTTPException) -> Response:
-        refusal = Refusal(str(error.detail), code=str(error.detail).lower().replace(" ", "_"))
+        detail = SAID.get(error.status_code, str(error.detail))
+        refusal = Refusal(detail, code=str(error.detail).lower().replace(" ", "_"))
         refusal.status, refusal.title = error.status_code, str(error.detail)
         made = answer(request, refusal)
         for name, value in (error.headers or {}).items():

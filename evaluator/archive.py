@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 JUNK = frozenset({".DS_Store", "Thumbs.db", "desktop.ini"})
+OTHER_FILES = {b"7z": "a 7z archive", b"\x1f\x8b": "a gzip file", b"BZh": "a bzip2 file", b"Rar!": "a RAR archive"}
 _BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
 _UNSAFE = re.compile(rf"[\x00-\x1f\x7f-\x9f{_BIDI}]|^[/\\]|^[A-Za-z]:|(^|[/\\])\.\.([/\\]|$)")
 _ENCRYPTED = 0x1
@@ -161,7 +162,9 @@ def _open(path: Path) -> zipfile.ZipFile:
         with path.open("rb") as file:
             start = file.read(4)
         code = Code.DAMAGED_ARCHIVE if start.startswith(b"PK") else Code.NOT_A_ZIP
-        raise Refused(Problem(code, None, "a zip archive", str(error))) from error
+        kind = next((kind for magic, kind in OTHER_FILES.items() if start.startswith(magic)), None)
+        found = (kind or "another kind of file") if start else "an empty file"
+        raise Refused(Problem(code, None, "a zip archive", found if code is Code.NOT_A_ZIP else str(error))) from error
     except (ValueError, UnicodeDecodeError, NotImplementedError, OverflowError, EOFError) as error:
         raise Refused(Problem(Code.DAMAGED_ARCHIVE, None, "a zip archive", str(error))) from error
 

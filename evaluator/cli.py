@@ -46,7 +46,7 @@ class Commands(click.Group):
         """Run a command; errors that are meant for people end it with a sentence and exit status 2."""
         try:
             return super().invoke(ctx)
-        except WildScenesError as error:
+        except (WildScenesError, OSError) as error:
             raise _UsageError(str(error)) from error
 
 

@@ -20,6 +20,7 @@ class Code(str, Enum):
     UNSUPPORTED_COMPRESSION = "unsupported_compression"
     # One frame or one member.
     MISSING_FRAME = "missing_frame"
+    NO_FRAME_NAMED = "no_frame_named"
     DUPLICATE_FRAME = "duplicate_frame"
     WRONG_SEQUENCE = "wrong_sequence"
     WRONG_TYPE = "wrong_type"
@@ -47,10 +48,14 @@ HINTS: dict[Code, str] = {
     Code.SPECIAL_FILE: "Put the files themselves into the archive, not links (`zip` without `-y`).",
     Code.ENCRYPTED_MEMBER: "Make the archive without a password.",
     Code.UNSUPPORTED_COMPRESSION: "Use ordinary zip compression (deflate) or none.",
+    Code.NO_FRAME_NAMED: (
+        "A member is told by its file name, which must be the frame's (the track's facts list them): "
+        "no prefix, no suffix, and the frames of this track."
+    ),
     Code.MISSING_FRAME: "Every frame of the track is needed; predict this one too.",
     Code.DUPLICATE_FRAME: "Two members claim this frame; keep one of them.",
     Code.WRONG_SEQUENCE: "The folder names another sequence than this frame's own; check how names were written.",
-    Code.WRONG_TYPE: "The name is a frame's, the file type is not the one this track wants.",
+    Code.WRONG_TYPE: "The name is a frame's, the file type not this track's; `wildscenes pack` converts .npy and .txt.",
     Code.WRONG_SIZE: "Resize the label map to the image's size with nearest-neighbour interpolation.",
     Code.WRONG_POINT_COUNT: "Map voxel or clipped labels back to every point of the cloud, in its order.",
     Code.UNREADABLE: "The file is damaged or is not what its name says; write it again.",
@@ -60,7 +65,8 @@ HINTS: dict[Code, str] = {
     Code.UNKNOWN_MEMBER: "It is no frame of this track and was ignored.",
     Code.LOOKS_LIKE_OTHER_ENCODING: "Name the encoding that the labels are really in.",
     Code.CHECKED_WITHOUT_FACTS: (
-        "Only layout, decoding and values were checked; give --facts or --groundtruth to check names and sizes too."
+        "Only layout, decoding and values were checked. To check names and sizes too, give --groundtruth, or --facts "
+        "with what the server's /api/v1/tracks/TRACK/facts answers."
     ),
 }
 

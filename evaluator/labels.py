@@ -141,7 +141,8 @@ def check_cloud_size(size: int, member: str, shape: tuple[int, ...] | None) -> N
     """
     if shape is not None and size != 4 * shape[0]:
         found = f"{size // 4} points" if size % 4 == 0 else f"{size} bytes"
-        hint = "Write four bytes a point, little-endian uint32." if size in (shape[0], 2 * shape[0]) else None
+        others = (shape[0], 2 * shape[0], 8 * shape[0])  # uint8, uint16, int64
+        hint = "Write four bytes a point, little-endian uint32." if size in others else None
         raise Refused(Problem(Code.WRONG_POINT_COUNT, member, f"{shape[0]} points", found, hint))
     if size % 4:
         raise Refused(Problem(Code.UNREADABLE, member, "four bytes a point", f"{size} bytes"))

@@ -78,7 +78,7 @@ def board(wired: Wired, track_id: str) -> Board:
             code=one.code,
             attempt=attempt,
         )
-        for one, attempt in standing(_candidates(wired, track))
+        for one, attempt in standing(_candidates(wired, track, facts))
     ]
     paper = [_baseline_row(one, benchmark, track) for one in benchmark.baselines if one.track == track_id]
     frames = len(frames_of(facts, track))
@@ -89,15 +89,21 @@ def board(wired: Wired, track_id: str) -> Board:
     return Board(benchmark, track, facts, frames, rank([*rows, *paper]))
 
 
-def _candidates(wired: Wired, track: Track) -> list[Candidate]:
-    """Every scored submission of a track with the figures of its newest evaluation, in one SELECT."""
+def _candidates(wired: Wired, track: Track, facts: Facts | None) -> list[Candidate]:
+    """Every submission of a track scored against the ground truth in use, its newest evaluation, in one SELECT."""
+    if facts is None:
+        return []
     query = (
         select(Submission, Method, Team.name, Score.results)
         .join(Method, Method.id == Submission.method_id)
         .join(Team, Team.id == Submission.team_id)
         .join(Evaluation, Evaluation.submission_id == Submission.id)
         .join(Score, Score.evaluation_id == Evaluation.id)
-        .where(Submission.track == track.id, Submission.state == State.SCORED)
+        .where(
+            Submission.track == track.id,
+            Submission.state == State.SCORED,
+            Evaluation.groundtruth == facts.groundtruth,
+        )
         .order_by(Evaluation.created_at)
     )
     with wired.db.read() as session:

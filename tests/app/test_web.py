@@ -89,14 +89,18 @@ def test_a_fault_of_ours_is_a_problem_with_a_code(small_world: World, client: Te
 @pytest.mark.parametrize(
     ("method", "path", "said"),
     [
-        ("GET", "/api/v1/missing", {"title": "Not Found", "status": 404, "detail": "Not Found", "code": "not_found"}),
+        (
+            "GET",
+            "/api/v1/missing",
+            {"title": "Not Found", "status": 404, "detail": "There is nothing at this address.", "code": "not_found"},
+        ),
         (
             "DELETE",
             "/api/v1/tracks",
             {
                 "title": "Method Not Allowed",
                 "status": 405,
-                "detail": "Method Not Allowed",
+                "detail": "This address does not take that method.",
                 "code": "method_not_allowed",
             },
         ),

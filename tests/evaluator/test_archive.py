@@ -56,9 +56,18 @@ def as_file(tmp_path: Path, data: bytes | bytearray) -> Path:
     return path
 
 
-@pytest.mark.parametrize("data", [b"", b"hello", b"Rar!\x1a\x07\x00" + bytes(100)])
-def test_a_file_that_is_no_zip_is_refused(tmp_path: Path, data: bytes) -> None:
-    assert refused(as_file(tmp_path, data)) == problem(Code.NOT_A_ZIP, None, "a zip archive", "File is not a zip file")
+@pytest.mark.parametrize(
+    ("data", "found"),
+    [
+        (b"", "an empty file"),
+        (b"hello", "another kind of file"),
+        (b"Rar!\x1a\x07\x00" + bytes(100), "a RAR archive"),
+        (b"7z\xbc\xaf" + bytes(100), "a 7z archive"),
+        (b"\x1f\x8b" + bytes(100), "a gzip file"),
+    ],
+)
+def test_a_file_that_is_no_zip_is_told_what_it_is(tmp_path: Path, data: bytes, found: str) -> None:
+    assert refused(as_file(tmp_path, data)) == problem(Code.NOT_A_ZIP, None, "a zip archive", found)
 
 
 def test_a_zip_that_is_cut_off_is_damaged(tmp_path: Path, make: type[Make]) -> None:

@@ -28,7 +28,7 @@ def members(*names: str) -> list[Member]:
     return [Member(name, 1, position) for position, name in enumerate(names)]
 
 
-def problem(code: Code, member: str, expected: str | None = None, found: str | None = None) -> Said:
+def problem(code: Code, member: str | None, expected: str | None = None, found: str | None = None) -> Said:
     return {"member": member, "code": code.value, "expected": expected, "found": found, "hint": HINTS[code]}
 
 
@@ -89,11 +89,20 @@ def test_a_member_that_is_no_frame_of_the_track_is_a_warning(pair: Callable[...,
 def test_each_missing_frame_is_a_problem_with_its_sequence(pair: Callable[..., Matched]) -> None:
     assert reported(pair()) == (
         [
+            problem(Code.NO_FRAME_NAMED, None, "names such as V-02/1623370893-376340233.label", "no file at all"),
             problem(Code.MISSING_FRAME, "V-02/1623370893-376340233.label", "a member of this name", "none"),
             problem(Code.MISSING_FRAME, "K-01/1624326819-383071121.label", "a member of this name", "none"),
         ],
         [],
     )
+
+
+def test_names_with_a_prefix_are_told_once_what_a_name_is(pair: Callable[..., Matched]) -> None:
+    problems, warnings = reported(pair(*(f"pred_{stem}.label" for stem in STEMS)))
+    expected = "names such as V-02/1623370893-376340233.label"
+    assert problems[0] == problem(Code.NO_FRAME_NAMED, None, expected, f"pred_{STEMS[0]}.label")
+    assert [one["code"] for one in problems[1:] + warnings] == ["missing_frame"] * 2 + ["unknown_member"] * 2
+    assert reported(pair(f"{STEMS[0]}.label"))[0][0]["code"] == "missing_frame"
 
 
 def test_two_members_that_claim_one_frame_are_named_together(pair: Callable[..., Matched]) -> None:

@@ -62,7 +62,7 @@ def test_an_archive_that_is_refused_says_only_that(small: Planted, tmp_path: Pat
     path = tmp_path / "no.zip"
     path.write_bytes(b"PNG")
     found = small.score(path, "photo-whole")
-    assert problems(found) == [problem(Code.NOT_A_ZIP, None, "a zip archive", "File is not a zip file")]
+    assert problems(found) == [problem(Code.NOT_A_ZIP, None, "a zip archive", "another kind of file")]
     assert (found.valid, found.frames, found.confusion.shape, found.warnings) == (False, (), (0, 3, 4), ())
 
 

@@ -125,3 +125,11 @@ def test_on_an_open_release_figures_stand_in_full(
     kept = world.results(submission_id)
     assert row.shown.miou == kept["miou"]
     assert row.shown.classes == {name: one["iou"] for name, one in kept["classes"].items()}
+
+
+def test_figures_of_another_ground_truth_stand_on_no_board(world: World) -> None:
+    submission_id = world.scored(world.person(), public=True)
+    assert len(ours(world, "2d-standard")) == 1
+    with world.wired.db.begin() as session:
+        session.get_one(Evaluation, world.evaluation(submission_id).id).groundtruth = "another"
+    assert ours(world, "2d-standard") == []
