@@ -89,7 +89,16 @@ class Supervisor:
     """Broker, worker and web on one home folder."""
 
     def __init__(self, home: Path, *, host: str, port: int, environment: Mapping[str, str]) -> None:
-        """Prepare the children; nothing runs yet."""
+        """Claim the home and prepare the children; nothing runs yet.
+
+        Raises:
+            StartError: another server runs on the home, or there is no broker for this machine.
+        """
+        self._lock = (home / "serve.lock").open("w")
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise StartError(f"another server already runs on {home}") from error
         self._home, self._host, self._port = home, host, port
         self._sockets = _socket_folder(home)
         self.broker_url = f"redis+socket://{self._sockets / 'broker.sock'}"
@@ -111,13 +120,8 @@ class Supervisor:
         """Start every child, and wait until the web answers.
 
         Raises:
-            StartError: the home or the port is taken, or a child does not come up.
+            StartError: the port is taken, or a child does not come up.
         """
-        self._lock = (self._home / "serve.lock").open("w")
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise StartError(f"another server already runs on {self._home}") from error
         if not _is_free(self._host, self._port):
             raise StartError(f"port {self._port} is taken; choose another with --port (or PORT=… make run)")
         try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import cached_property
 
 import structlog
 
@@ -33,7 +34,7 @@ class Wired:
     benchmarks: dict[str, Benchmark]
     now: Callable[[], datetime] = field(default=utc_now)
 
-    @property
+    @cached_property
     def tracks(self) -> dict[str, tuple[Benchmark, Track]]:
         """Every track that this server has, with its benchmark."""
         return {t.id: (b, t) for b in self.benchmarks.values() for t in b.all_tracks.values()}

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from evaluator.errors import Code, Problem, Refused
+from evaluator.errors import Code, Problem, Refused, printable
 from evaluator.inflate import InflateError, crc32, inflate_member
 
 if TYPE_CHECKING:
@@ -195,9 +195,7 @@ def _check_entry(info: zipfile.ZipInfo) -> None:
 
 def shown(name: str) -> str:
     """A member's name made fit for a page or a terminal: nothing in it can steer either."""
-    if name.isprintable():
-        return name[:200]
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name[:200])
+    return printable(name[:200])
 
 
 def _unreadable(member: Member, expected: str, found: str) -> Refused:

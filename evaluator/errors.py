@@ -78,6 +78,8 @@ LONGEST = 300
 def printable(text: str) -> str:
     """A text that cannot steer a page or a terminal: what cannot be seen is replaced, and what is long is cut."""
     cut = text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
+    if cut.isprintable():
+        return cut
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in cut)
 
 

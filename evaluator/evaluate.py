@@ -128,7 +128,7 @@ def score_chunk(
         truth: the true labels; None to check without scoring.
         memory: to use again; not to be shared between threads.
     """
-    columns, k = task.benchmark.columns(task.encoding), task.benchmark.k
+    columns = task.benchmark.columns(task.encoding)
     memory = memory or Memory(Buffer(), Buffer())
     names, counted, problems = [], [], []
     seen = np.zeros(VALUES, np.int64)
@@ -145,7 +145,7 @@ def score_chunk(
         if truth:
             names.append(frame.name)
             counted.append(counts)
-    confusion = fold(np.stack(counted), columns) if counted else np.zeros((0, k, k + 1), np.int64)
+    confusion = fold(np.stack(counted), columns) if counted else _no_matrices(task)
     return Chunk(tuple(names), confusion, seen, tuple(problems))
 
 
@@ -181,12 +181,9 @@ def conclude(matched: Matched, chunks: Sequence[Chunk], task: Task) -> Outcome:
     seen = np.sum([chunk.seen for chunk in chunks], axis=0) if chunks else np.zeros(VALUES, np.int64)
     found = [*matched.problems, *(problem for chunk in chunks for problem in chunk.problems)]
     odd = mistakes.other_encoding(seen, task.track, task.encoding, task.benchmark)
-    k = task.benchmark.k
     return Outcome(
         frames=tuple(name for chunk in chunks for name in chunk.frames),
-        confusion=np.concatenate([chunk.confusion for chunk in chunks])
-        if chunks
-        else np.zeros((0, k, k + 1), np.int64),
+        confusion=np.concatenate([_no_matrices(task), *(chunk.confusion for chunk in chunks)]),
         problems=mistakes.explain(found, seen, task.track, task.encoding, task.benchmark),
         warnings=(*odd, *matched.warnings),
     )
@@ -194,7 +191,7 @@ def conclude(matched: Matched, chunks: Sequence[Chunk], task: Task) -> Outcome:
 
 def refusal(problem: Problem, task: Task) -> Outcome:
     """The outcome of an archive that was refused as a whole."""
-    return Outcome((), np.zeros((0, task.benchmark.k, task.benchmark.k + 1), np.int64), (problem,), ())
+    return Outcome((), _no_matrices(task), (problem,), ())
 
 
 def evaluate(  # noqa: PLR0913 each is an option of the command
@@ -259,6 +256,10 @@ def _count(  # noqa: PLR0913 a frame's whole context
         wrong = _wrong(np.bincount(points & LOW_BITS), task.benchmark.columns(task.encoding))
         raise _out_of_range(name, wrong, task)
     return counts
+
+
+def _no_matrices(task: Task) -> NDArray[np.int64]:
+    return np.zeros((0, task.benchmark.k, task.benchmark.k + 1), np.int64)
 
 
 def _wrong(values: NDArray[np.int64], columns: NDArray[np.uint8]) -> dict[int, int]:

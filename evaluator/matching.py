@@ -56,9 +56,9 @@ def match(members: Iterable[Member], frames: Sequence[Frame], track: Track, benc
             found = ", ".join([*(shown(one.name) for one in rivals[:RIVALS]), *more])
             problems.append(Problem(Code.DUPLICATE_FRAME, shown(rivals[1].name), f"one member for {name}", found))
     if frames and not claims and not wrong_type:
-        found = shown(named[0]) if (named := [one.member for one in warnings if one.member]) else "no file at all"
+        first = warnings[0].member if warnings else "no file at all"
         wanted_name = f"{frames[0].sequence}/{frames[0].name}{suffix}"
-        problems.append(Problem(Code.NO_FRAME_NAMED, None, f"names such as {wanted_name}", found))
+        problems.append(Problem(Code.NO_FRAME_NAMED, None, f"names such as {wanted_name}", first))
     problems += [
         Problem(Code.MISSING_FRAME, f"{frame.sequence}/{frame.name}{suffix}", "a member of this name", "none")
         for frame in frames

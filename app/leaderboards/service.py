@@ -10,7 +10,7 @@ from app.accounts.models import Team
 from app.errors import NotFound
 from app.leaderboards.ranking import Candidate, Row, rank, standing
 from app.methods.models import Method
-from app.submissions.disclosure import Shown, disclose
+from app.submissions.disclosure import Shown, disclose, seen_in_full
 from app.submissions.lifecycle import State, Visibility
 from app.submissions.models import Evaluation, Score, Submission
 from app.tracks.service import current_facts, frames_of
@@ -64,7 +64,7 @@ def board(wired: Wired, track_id: str) -> Board:
     benchmark, track = find_track(wired, track_id)
     facts = current_facts(wired.db, benchmark)
     official = track.modality.official_mean
-    in_full = not track.protocol.ranked or (facts is not None and facts.open)
+    in_full = seen_in_full(track, facts)
     rows = [
         Row(
             method=one.method,

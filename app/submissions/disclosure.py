@@ -6,6 +6,9 @@ from dataclasses import dataclass
 from decimal import ROUND_HALF_EVEN, Decimal
 from typing import Any
 
+from evaluator.benchmark import Track
+from evaluator.frames import Facts
+
 MIOU_DIGITS, CLASS_DIGITS = 4, 3
 """Digits of a fraction on a hidden release: mIoU in percent with two decimals, class figures with one."""
 
@@ -25,6 +28,11 @@ class Shown:
     official: float | None
     classes: dict[str, float | None]
     means: dict[str, float | None]
+
+
+def seen_in_full(track: Track, facts: Facts | None) -> bool:
+    """Whether everything of a track may be shown to everybody: practice, and releases whose labels are open."""
+    return not track.protocol.ranked or (facts is not None and facts.open)
 
 
 def disclose(results: dict[str, Any], *, official: str | None, in_full: bool) -> Shown:

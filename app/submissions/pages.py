@@ -13,7 +13,7 @@ from fastapi.responses import RedirectResponse
 from app.accounts.identity import Submitter, Viewer
 from app.errors import Refusal, Unauthenticated
 from app.submissions import service
-from app.submissions.disclosure import disclose, percent
+from app.submissions.disclosure import percent
 from app.submissions.lifecycle import FINAL, SAID, State, Visibility
 from app.submissions.receive import receive
 from app.submissions.service import Reading
@@ -139,22 +139,19 @@ def _shown(wired: Wired, reading: Reading) -> dict[str, Any]:
         "scoring": evaluation.scoring if evaluation else None,
         "groundtruth": evaluation.groundtruth if evaluation else None,
         "attempt": f"{reading.attempt[0]} of {reading.attempt[1]}" if reading.attempt else "\N{EM DASH}",
-        "error": None,
     }
 
 
 def _scores(wired: Wired, reading: Reading) -> dict[str, Any] | None:
-    if reading.score is None:
+    shown = service.shown_figures(wired, reading)
+    if shown is None:
         return None
     benchmark, track = wired.tracks[reading.submission.track]
-    mean = track.modality.official_mean
-    in_full = service.is_open(wired, reading.submission)
-    shown = disclose(reading.score.results, official=mean.name if mean else None, in_full=in_full)
     colors = {one.name: one.color for one in benchmark.classes}
     titles = {"accuracy": "accuracy, %", "mean_accuracy": "mean accuracy, %", "fw_iou": "frequency-weighted IoU, %"}
     return {
         "miou": percent(shown.miou, 2),
-        "official": percent(shown.official, 2) if mean else None,
+        "official": percent(shown.official, 2) if track.official else None,
         "classes": [
             {"name": name, "color": colors[name], "iou": percent(iou, 1)} for name, iou in shown.classes.items()
         ],

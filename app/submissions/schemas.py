@@ -8,7 +8,6 @@ from uuid import UUID
 from pydantic import BaseModel, ConfigDict
 
 from app.submissions import service
-from app.submissions.disclosure import disclose
 from app.submissions.lifecycle import State, Visibility
 from app.submissions.service import Reading
 from app.wiring import Wired
@@ -121,9 +120,8 @@ def submission_out(wired: Wired, reading: Reading) -> SubmissionOut:
 
 
 def _scores(wired: Wired, reading: Reading) -> ScoresOut | None:
-    if reading.score is None:
+    shown = service.shown_figures(wired, reading)
+    if shown is None:
         return None
     mean = wired.tracks[reading.submission.track][1].modality.official_mean
-    in_full = service.is_open(wired, reading.submission)
-    shown = disclose(reading.score.results, official=mean.name if mean else None, in_full=in_full)
     return ScoresOut(miou=shown.miou, classes=shown.classes, **({mean.name: shown.official} if mean else {}))

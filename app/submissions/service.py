@@ -14,6 +14,7 @@ from app.errors import Conflict, Invalid, NotFound
 from app.methods.models import Method
 from app.methods.service import checked_name, find_or_make
 from app.submissions.claims import move
+from app.submissions.disclosure import Shown, disclose, seen_in_full
 from app.submissions.lifecycle import Stage, State, Visibility
 from app.submissions.models import Evaluation, Score, Submission, SubmissionEvent
 from app.tracks.service import current_facts, frames_of
@@ -293,5 +294,13 @@ def hide(wired: Wired, submission_id: UUID, *, hidden: bool = True) -> None:
 def is_open(wired: Wired, submission: Submission) -> bool:
     """Whether everything of this submission's figures may be shown to everybody."""
     benchmark, track = wired.tracks[submission.track]
-    facts = current_facts(wired.db, benchmark)
-    return not track.protocol.ranked or (facts is not None and facts.open)
+    return seen_in_full(track, current_facts(wired.db, benchmark))
+
+
+def shown_figures(wired: Wired, reading: Reading) -> Shown | None:
+    """The figures of a submission as they may be shown to everybody; None before it is scored."""
+    if reading.score is None:
+        return None
+    mean = wired.tracks[reading.submission.track][1].modality.official_mean
+    in_full = is_open(wired, reading.submission)
+    return disclose(reading.score.results, official=mean.name if mean else None, in_full=in_full)

@@ -30,5 +30,6 @@ class GroundTruthRelease(Base):
     benchmark: Mapped[str] = mapped_column(String(100))
     digest: Mapped[str] = mapped_column(String(64))
     facts: Mapped[str] = mapped_column(Text)
+    facts_sha256: Mapped[str] = mapped_column(String(64))
     current: Mapped[bool]
     imported_at: Mapped[datetime] = mapped_column(UtcDateTime)

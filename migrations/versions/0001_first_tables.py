@@ -24,6 +24,7 @@ def upgrade() -> None:
         sa.Column("benchmark", sa.String(length=100), nullable=False),
         sa.Column("digest", sa.String(length=64), nullable=False),
         sa.Column("facts", sa.Text(), nullable=False),
+        sa.Column("facts_sha256", sa.String(length=64), nullable=False),
         sa.Column("current", sa.Boolean(), nullable=False),
         sa.Column("imported_at", UtcDateTime(), nullable=False),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_groundtruth_releases")),
